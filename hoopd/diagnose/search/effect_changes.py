@@ -148,14 +148,14 @@ class Changes:
         composite = composite_of(track.stretch.plant, (*own.effects, effect))
         new = Track.of(track.stretch, track.held, composite)
         values = {**self._local, **{effect.key(name): value for name, value in column}}
-        z, seen, after = self.z, track.predicted, None
+        z, seen = self.z, track.predicted
         if composite.nz > own.nz:
             # what the effect adds to the state follows the reference
-            z, after = new.carried(values, self.z[:, : own.nx])
+            z = new.carried(values, self.z[:, : own.nx])
             seen = np.hstack([track.predicted[:, : own.nx], z[:, own.nx :]])
         f: Any = 0.0
         if step and _moves(effect):
-            after = new.after(values, z, np.zeros_like(track.w)) if after is None else after
+            after = new.after(values, z, np.zeros_like(track.w))
             f = after[:, : own.nx] - self._without(composite.substeps)
         # innovations lose what the readings gain
         return f, (self._readings - new.readings(values, seen, np.zeros_like(track.w)) if reading else 0.0)

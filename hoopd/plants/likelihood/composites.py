@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import fields
 from functools import lru_cache
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -77,12 +78,24 @@ def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Func
     return kept[free]
 
 
+class Carrying(NamedTuple):
+    """How states that effects add follow given ones. What follows from the given ones alone, most of it, is worked out
+    at all nodes at once."""
+
+    known: ca.Function  # (given states, inputs, h, t, p) -> what the added ones need of them
+    added: Recursion  # (added states, given ones, inputs, h, t, p, known) -> added states one step later
+
+
 @lru_cache(maxsize=KEPT)
-def carrying(composite: Composite, given: int) -> Recursion:
-    """(added states, given ones, torques, h, t, p) -> added states one step later, all states one step later."""
+def carrying(composite: Composite, given: int) -> Carrying:
+    """Of a composite's states, of which the first `given` are given; no disturbance."""
     symbols = {k: ca.SX.sym(k, composite.step_function.nnz_in(i)) for i, k in enumerate(("z", "u", "w", "h", "t", "p"))}
     x, own = symbols["z"][:given], symbols["z"][given:]
-    ins = [own, x, *(symbols[k] for k in ("u", "h", "t", "p"))]
     still = {"w": ca.SX.zeros(composite.nw), "u": ca.reshape(symbols["u"], composite.substeps, composite.nu)}
-    after = composite.step_function(*(({**symbols, **still})[k] for k in ("z", "u", "w", "h", "t", "p")))
-    return Recursion(ca.Function("carried", [ca.vertcat(own), ca.vertcat(x), *ins[2:]], [after[given:], after]))
+    after = composite.step_function(*(({**symbols, **still})[k] for k in ("z", "u", "w", "h", "t", "p")))[given:]
+    data = [ca.vertcat(x), *(symbols[k] for k in ("u", "h", "t", "p"))]
+    after, needed, known = ca.extract_parametric(after, ca.vertcat(*data))
+    return Carrying(
+        ca.Function("known", data, [ca.densify(ca.vertcat(*known))], {"cse": True}),
+        Recursion(ca.Function("added", [ca.vertcat(own), *data, ca.vertcat(*needed)], [after], {"cse": True})),
+    )

@@ -149,17 +149,18 @@ class Track:
         inputs = self._flat_inputs(values), self._wide(w)[:-1], self.stretch.h, self.stretch.t[:-1], c.vector(values)
         return call(z[:-1], *inputs)[0][:, :, 0]
 
-    def carried(self, values: Mapping[str, float], x: Array) -> tuple[Array, Array]:
-        """States (n, nz) with what this composite adds to given ones (n, nx), from its beginning; all one step later.
+    def carried(self, values: Mapping[str, float], x: Array) -> Array:
+        """States (n, nz) with what this composite adds to given ones (n, nx), from its beginning.
 
         The given states are those of `x` at every node, the added ones follow their own steps; no disturbance.
         """
         values, c, n = self.local(values), self.composite, len(x)
         begin = c.beginning(np.pad(x[0], (0, c.nx - x.shape[1])), float(self.stretch.u[0]))[x.shape[1] :]
-        p = np.broadcast_to(c.vector(values), (n - 1, len(c.names)))
-        run = carrying(c, x.shape[1])
-        own, after = run(begin, x[:-1], self._flat_inputs(values), self.stretch.h, self.stretch.t[:-1], p)
-        return np.hstack([x, np.vstack([begin, own[:, :, 0]])]), after[:, :, 0]
+        run, p = carrying(c, x.shape[1]), c.vector(values)
+        data = x[:-1], self._flat_inputs(values), self.stretch.h, self.stretch.t[:-1]
+        known = mapped(run.known, n - 1, (4,))(*data, p)[0][:, :, 0]
+        own = run.added(begin, *data, np.broadcast_to(p, (n - 1, len(p))), known)[0]
+        return np.hstack([x, np.vstack([begin, own[:, :, 0]])])
 
     def readings(self, values: Mapping[str, float], z: Array | None = None, w: Array | None = None) -> Array:
         """(n, nc) what the sensors would show of the filter's prediction at every node."""
