@@ -100,9 +100,9 @@ def fit(
         found.covariance = np.zeros((len(found.free), len(found.free)))
         return found
     if not move:
-        for _ in range(LAST_STEPS):
+        for step in range(LAST_STEPS):
             _settle(found)
-            tuned_noise(found)
+            tuned_noise(found, near=step > 0)
         return found
     begin = _kept(found)
     end = _searched(found, tune_noise=tune_noise, near=noise is not None)
