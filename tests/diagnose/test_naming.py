@@ -59,6 +59,8 @@ def test_a_swap_that_gains_little_may_lose_little_in_folds(
     found: Any = SimpleNamespace(final=final)
     better = naming._better(found, judge, one, without, 500.0)  # type: ignore[arg-type]
     assert (better is other) is swapped
+    other.surprise = 497.0 + naming.OCCAM_NATS - 0.1  # hardly ahead: the first name stays
+    assert naming._better(found, judge, one, without, 500.0) is None  # type: ignore[arg-type]
 
 
 def test_who_was_refused_by_folds_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:

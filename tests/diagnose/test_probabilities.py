@@ -256,6 +256,7 @@ def test_what_several_names_leave_is_told_once() -> None:
 
 
 def test_parameters_alone_are_never_sure_and_wrong_beside_a_fault() -> None:
+    assert 0.05 < TOO_SMALL < 0.5  # a belief of next to nothing would call parameters sure
     found = likely([Option(PARAMETERS, 12.0), too_small(12.0), Option("a", 2.0)])
     assert found.shares[PARAMETERS] == pytest.approx(1.0 - TOO_SMALL, abs=1e-3)
     assert found.none == pytest.approx(TOO_SMALL, abs=1e-3)
@@ -264,8 +265,19 @@ def test_parameters_alone_are_never_sure_and_wrong_beside_a_fault() -> None:
 
 
 def test_a_law_may_be_in_no_vocabulary_whatever_the_data_say() -> None:
+    assert 0.02 < UNLISTED < 0.2
     found = likely([Option("a", 500.0, True), Option(PARAMETERS, 12.0)], unlisted=UNLISTED)
     assert found.named == pytest.approx(1.0 - UNLISTED) and found.none == pytest.approx(UNLISTED)
+
+
+def test_screens_of_a_place_are_told_the_noise_that_a_refit_without_the_name_takes() -> None:
+    found = taken_for("hoop.coulomb_friction")
+    one = found.accepted[0]
+    screened = EffectTakenOut(found, one, EFFECTS, [])._screened
+    half = replace(found, losses={one.effect.name: 0.5 * screened})
+    assert EffectTakenOut(half, one, EFFECTS, []).scale == pytest.approx(0.5)
+    twice = replace(found, losses={one.effect.name: 2.0 * screened})
+    assert EffectTakenOut(twice, one, EFFECTS, []).scale == 1.0
 
 
 def test_a_textbook_s_law_is_another_one_however_near_it_is() -> None:

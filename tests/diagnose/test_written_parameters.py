@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 from hoopd.diagnose.proof import written_parameters as module
 from hoopd.diagnose.proof.fit_tables import nrmse
 from hoopd.diagnose.proof.fold_runs import blocks_of, fold_runs
+from hoopd.diagnose.proof.free_run_refinement import Pull
 from hoopd.diagnose.proof.two_estimates import beyond_chance
 from hoopd.diagnose.proof.written_parameters import ParameterSet, chosen, mean_percent, written_parameters
 from hoopd.diagnose.search.folds import FOLDS, fold_values
@@ -47,6 +49,21 @@ def test_a_block_is_simulated_with_parameters_that_the_others_ask_for(found: Hyp
     # a block that is simulated with what is wrong is worse
     wrong = [{**one, "K2": 0.8 * one["K2"]} for one in values]
     assert nrmse(fold_runs(found, wrong).runs)["psi"] < nrmse(held.runs)["psi"] - 5.0
+
+
+def test_a_held_back_block_has_no_say_in_the_parameters_that_simulate_it(
+    found: HypothesisFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+
+    def simulated(_: Any, values: Any, blocks: Any, *more: Any) -> Any:
+        asked.append([round(one.stretch.t[0], 6) for block in blocks for one in block])
+        return SimpleNamespace(values=dict(values), cost=1.0)
+
+    monkeypatch.setattr(module, "_simulated", simulated)
+    module._by_output_error(found, Pull({}, {}, 0.0), 0.1)
+    whole, *held = asked
+    assert len(whole) == FOLDS and held == [[t for j, t in enumerate(whole) if j != k] for k in range(FOLDS)]
 
 
 def test_what_has_nothing_free_is_simulated_as_it_is(found: HypothesisFit) -> None:
