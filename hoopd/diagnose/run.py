@@ -38,6 +38,7 @@ from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
+from hoopd.diagnose.proof.late_sensors import late_sentences
 from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
@@ -199,6 +200,7 @@ def _diagnosed(case: Case) -> Outcome:
                 *data.notes,
                 *data_held.notes,
                 step_sentence(step_nats(named.final)),
+                *late_sentences(named, case.library, case.settings.threshold),
                 *unexplained_sentences(said.final),
                 *end_sentences(said.final),
             ],
