@@ -188,13 +188,13 @@ def test_the_truth_s_ring_has_the_state_and_not_what_the_camera_sees(folder: Pat
 
 def test_scripted_faults_act_in_run_time(folder: Path) -> None:
     t0 = time.monotonic() - 9.0
-    faults = [{"kind": "board_silent", "at_s": 10.0, "for_s": 0.4}]
+    faults = [{"kind": "board_silent", "at_s": 12.0, "for_s": 0.4}]
     process = start(folder / "port", config(folder, faults=faults, t0=t0))
     host = Host(folder / "port")
     assert host.ask(0.1) is not None
-    time.sleep(t0 + 10.1 - time.monotonic())
+    time.sleep(t0 + 12.1 - time.monotonic())
     assert host.ask(0.1, wait_s=0.05) is None
-    time.sleep(t0 + 10.41 - time.monotonic())
+    time.sleep(t0 + 12.41 - time.monotonic())
     answer = host.ask(0.1)
     assert answer is not None
     assert answer.status & STATUS_TIMEOUT
