@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from itertools import pairwise
-from math import inf, isfinite
+from math import hypot, inf, isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from hoopd.daemon.app import Options, check_options, perform
 from hoopd.daemon.build import Texts, model_path, read_texts
 from hoopd.daemon.maneuver_conductor import REST_PATIENCE_S, SETTLE_S, ManeuverConductor
 from hoopd.daemon.recording_target import Where, recorded_parts
+from hoopd.daemon.replay import recorded_config
 from hoopd.files.controller import parse_controller
 from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.reading import InputError
@@ -159,7 +160,19 @@ def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -
     # in the tick of the change the law of before has its last torque
     ticks = [tick for tick in run.ticks if first < tick.t <= following and tick.mode == Mode.RUNNING]
     table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks]).reshape(-1, 8)
-    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t)
+    away = _distances(run)
+    distance = np.array([away.get(tick.id, nan) for tick in ticks])
+    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t, distance)
+
+
+def _distances(run: RecordedRun) -> dict[int, float]:
+    """By tick: how far from the axis its picture shows the ball, in shares of the track; not through a homography."""
+    vision = recorded_config("the recording", run.header.config).vision
+    if vision.homography is not None:
+        return {}
+    (x, y), radius = vision.circle_px.centre, vision.circle_px.radius
+    seen = ((one.id, one.camera) for one in run.inputs if one.camera is not None)
+    return {tick: hypot(camera.x_px - x, camera.y_px - y) / radius for tick, camera in seen}
 
 
 def _attempt(
@@ -177,6 +190,7 @@ def _attempt(
         "settled_s": _number(outcome.settled_s),
         "largest_angle_rad": _number(outcome.largest_angle_rad),
         "loose_s": _number(outcome.loose_s),
+        "least_distance": _number(outcome.least_distance),
         "shortfalls": list(short),
         "success": reason == DONE and not short,
     }

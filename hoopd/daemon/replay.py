@@ -37,7 +37,7 @@ def replay(path: Path, *, run_law: bool = False) -> dict[str, Any]:
     if run.header.law and not run_law:
         raise InputError(path, "law", "holds a law of a user's own, which is code: read it, then add --run-law")
     header = run.header
-    config = _config(path, header.config)
+    config = recorded_config(path, header.config)
     tick = _built(path, config, Texts(header.config, header.model, header.controller, header.law))
     different, first = 0, ""
     for inputs, recorded in zip(run.inputs, run.ticks, strict=False):
@@ -56,7 +56,7 @@ def replay(path: Path, *, run_law: bool = False) -> dict[str, Any]:
     }
 
 
-def _config(path: Path, text: str) -> Config:
+def recorded_config(path: object, text: str) -> Config:
     """The configuration of a recording; before `faults.accepted_off` every row that was off was accepted."""
     told = parse_yaml(text, path)
     config = to_struct(told, Config, path)

@@ -119,7 +119,7 @@ class BoardProcess:
         while self._t_row <= now:
             self._board.advance(self._t_row)
             for ring, look in self._rings:
-                ring.push(self._t_row + self._t_start, look(self._plant))
+                ring.push(self._t_row + self._t_start, look(self._plant), shown_distance(self._plant))
             if self._truth and self._rows % TRUTH_ROWS == 0:
                 self._truth(self._t_row + self._t_start, state(self._plant))
             self._t_row += ROW_S
@@ -157,6 +157,11 @@ def shown(plant: BoardPlant) -> tuple[float, float, float, float]:
     """What the camera sees of a plant: its state, unless the plant says otherwise."""
     state: tuple[float, float, float, float] = getattr(plant, "shown", plant.state)
     return state
+
+
+def shown_distance(plant: BoardPlant) -> float:
+    """How far from the axis the camera sees the ball, in shares of what it is on the hoop."""
+    return float(getattr(plant, "shown_distance", 1.0))
 
 
 def _make_plant(config: ProcessConfig) -> BoardPlant:

@@ -69,16 +69,18 @@ class Painter:
         self._config, self._script, self._scene = config, script, Scene(self.settings)
         self._frozen: Image | None = None
 
-    def paint(self, frame: int, t: float, state: tuple[float, float, float, float], frame_s: float) -> Image:
-        """BGR picture taken at run time `t`."""
+    def paint(
+        self, frame: int, t: float, state: tuple[float, float, float, float], frame_s: float, distance: float = 1.0
+    ) -> Image:
+        """BGR picture taken at run time `t`; `distance`: of the ball from the axis, in shares of its track's radius."""
         if self._script.active(t, "pictures_frozen") is None:
             self._frozen = None
-            return self._paint(frame, t, state, frame_s)
+            return self._paint(frame, t, state, frame_s, distance)
         if self._frozen is None:
-            self._frozen = self._paint(frame, t, state, frame_s)
+            self._frozen = self._paint(frame, t, state, frame_s, distance)
         return self._frozen
 
-    def _paint(self, frame: int, t: float, state: lies.State, frame_s: float) -> Image:
+    def _paint(self, frame: int, t: float, state: lies.State, frame_s: float, distance: float) -> Image:
         config = self._config
         if self._script.active(t, "black_pictures"):
             return np.zeros((self.settings.height, self.settings.width, 3), np.uint8)
@@ -92,6 +94,7 @@ class Painter:
             (theta, dtheta, psi, dpsi),
             ball=painted is None and self._script.active(t, "ball_gone") is None,
             red_object=self._false_object(t),
+            distance=distance,
         )
         if painted is not None:
             self._scene.paint_ball(picture, painted)
@@ -153,7 +156,8 @@ class Program:
         state = self._ring.at(self._config.start + t - lies.age_s(self._script, t))
         if state is None or self._script.active(t, "camera_stall"):
             return
-        picture = self._painter.paint(frame, t, (state.theta, state.dtheta, state.psi, state.dpsi), frame_s)
+        seen = (state.theta, state.dtheta, state.psi, state.dpsi)
+        picture = self._painter.paint(frame, t, seen, frame_s, state.distance)
         data = i420(picture, self._form.stride)
         _sleep_until(due)
         self._send(t, data)

@@ -49,6 +49,9 @@ class MovedPlant(Protocol):
     @property
     def shown(self) -> tuple[float, float, float, float]: ...
 
+    @property
+    def shown_distance(self) -> float: ...
+
 
 class LockstepRig:
     """Clock, drive and camera of a loop that runs in virtual time."""
@@ -153,10 +156,11 @@ class LockstepRig:
         self._at(self._frames * self._frame_s + self._phase_s, self._expose)
         self._board.advance(now)
         self._past.add(now, self._plant.shown)
+        distance = self._plant.shown_distance
         if self._script.active(now, "camera_stall"):
             return
         shown = self._past.at(now - lies.age_s(self._script, now))
-        sample = self._watcher.see(self._frames, now, shown)
+        sample = self._watcher.see(self._frames, now, shown, distance)
         late = self._script.active(now, "late_pictures")
         delay = self._delay_s + (float(late["delay_s"]) if late else 0.0)
         self._at(now + delay, lambda at: self._deliver(at, sample))

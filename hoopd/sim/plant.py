@@ -1,7 +1,7 @@
 """The plant of the rig: a model moved through time, with any physics that the daemon's model does not have.
 
 With `ball.lift_off` the ball leaves the hoop where nothing presses it on, flies, and lands: psi is then the direction
-in which it is seen. Further from its track than the detector looks it is not seen at all, and psi is not a number.
+in which it is seen, and its distance from the axis is below the track's.
 
 Rules of this file: time is an argument and never runs backwards; a segment between two events is integrated in steps
 of at most 1 ms, 2 ms where the ball may fly. What acts late is kept with its time, so that delays and latencies of any
@@ -34,8 +34,6 @@ SEGMENT_S, STEP_S = 0.02, 0.001
 # The past that is kept, beyond the largest latency: a picture is looked at when it is taken.
 MEMORY_S = 0.05
 SAME_S = 1e-9
-# Off its track by more of its radius a ball is outside of the ring in which the detector looks (15 of 182 px).
-SEEN_SHARE = 0.08
 READ = ("theta", "dtheta", "psi")
 
 
@@ -72,7 +70,7 @@ class RigPlant:
             self._course.restart(self._z)
         self._held, self._release_t = held, t + self._release_s
         self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
-        self._past: deque[tuple[float, Array]] = deque([(t, self._z)])
+        self._past: deque[tuple[float, Array, float]] = deque([(t, self._z, 1.0)])
 
     @property
     def t(self) -> float:
@@ -88,8 +86,12 @@ class RigPlant:
     def shown(self) -> State:
         """The state that a picture taken now shows: late, and with the camera's own errors."""
         theta, dtheta, psi, dpsi = _state(self._seen("psi"))
-        psi = psi if self._errors is None else self._read("psi")
-        return theta, dtheta, psi if abs(self.distance - 1.0) <= SEEN_SHARE else nan, dpsi
+        return theta, dtheta, psi if self._errors is None else self._read("psi"), dpsi
+
+    @property
+    def shown_distance(self) -> float:
+        """The ball's distance from the axis in such a picture, in shares of what it is on the hoop."""
+        return self._past_at(self._t - self._late["psi"])[1] if self._remembers else self.distance
 
     @property
     def distance(self) -> float:
@@ -112,7 +114,7 @@ class RigPlant:
             self._held = False
         if self._held:
             self._t = max(t, self._t)
-            self._past = deque([(self._t, self._z)])
+            self._past = deque([(self._t, self._z, 1.0)])
         if torque_nm != self._torques[-1][1]:
             self._torques.append((self._t, torque_nm))
         while t - self._t > SAME_S:
@@ -136,7 +138,7 @@ class RigPlant:
         return self._torques[1][0] + self._delay_s if len(self._torques) > 1 else inf
 
     def _remember(self) -> None:
-        self._past.append((self._t, self._z))
+        self._past.append((self._t, self._z, self.distance))
         oldest = self._t - max(self._late.values()) - MEMORY_S
         while self._past[0][0] < oldest:
             self._past.popleft()
@@ -148,17 +150,18 @@ class RigPlant:
 
     def _seen(self, channel: str) -> Array:
         """The state that a sensor sees."""
-        return self._at(self._t - self._late[channel]) if self._remembers else self._z
+        return self._past_at(self._t - self._late[channel])[0] if self._remembers else self._z
 
-    def _at(self, t: float) -> Array:
-        """State at a time of the past (the first one before it), in a straight line between two steps."""
+    def _past_at(self, t: float) -> tuple[Array, float]:
+        """State and distance at a time of the past (the first one before it), in a straight line between two steps."""
         if t >= self._past[-1][0]:
-            return self._past[-1][1]
+            return self._past[-1][1:]
         index = bisect_right(self._past, t, key=lambda one: one[0])
         if index == 0:
-            return self._past[0][1]
-        (t0, z0), (t1, z1) = self._past[index - 1], self._past[index]
-        return np.asarray(z0 + (z1 - z0) * ((t - t0) / (t1 - t0)))
+            return self._past[0][1:]
+        (t0, z0, d0), (t1, z1, d1) = self._past[index - 1], self._past[index]
+        share = (t - t0) / (t1 - t0)
+        return np.asarray(z0 + (z1 - z0) * share), d0 + (d1 - d0) * share
 
 
 def make_plant(

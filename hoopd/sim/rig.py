@@ -135,6 +135,6 @@ class DirectEye:
         state = None if self._script.active(t, "camera_stall") else self._ring.at(taken)
         if state is None:
             return
-        sample = self._watcher.see(frame, t, (state.theta, state.dtheta, state.psi, state.dpsi))
+        sample = self._watcher.see(frame, t, (state.theta, state.dtheta, state.psi, state.dpsi), state.distance)
         self._last_t = self._clock()
         self._slot.append(sample._replace(t_arrival=self._last_t))

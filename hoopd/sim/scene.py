@@ -62,14 +62,16 @@ class Scene:
         ball: bool = True,
         red_object: tuple[float, float, float] | None = None,
         brightness: float = 1.0,
+        distance: float = 1.0,
     ) -> Image:
-        """Picture of shape (height, width, 3), B G R; `red_object` is x, y, radius of something red elsewhere."""
+        """Picture of shape (height, width, 3), B G R; `red_object` is x, y, radius of something red elsewhere,
+        `distance` the ball's from the centre, in shares of its track's radius."""
         theta, _, psi, dpsi = state
         picture = self._turned(theta)
         if red_object is not None:
             self._blend(picture, red_object[0], red_object[1], red_object[2], 0.0, 0.0)
         if ball and isfinite(psi):
-            self._ball(picture, psi, dpsi)
+            self._ball(picture, psi, dpsi, distance)
         lit = cv2.multiply(picture, self._lamp, scale=brightness, dtype=cv2.CV_8U)
         return self._with_noise(np.asarray(lit, np.uint8), frame)
 
@@ -77,10 +79,10 @@ class Scene:
         """Lay a ball at rest over a finished picture: without the camera's noise and lamp."""
         self._ball(picture, psi, 0.0)
 
-    def ball_centre(self, psi: float) -> tuple[float, float]:
+    def ball_centre(self, psi: float, distance: float = 1.0) -> tuple[float, float]:
         """Where the ball's centre is in the picture."""
         cx, cy = self.settings.centre
-        radius = self.settings.track_radius
+        radius = self.settings.track_radius * distance
         return cx - radius * sin(psi), cy + radius * cos(psi)
 
     def _turned(self, theta: float) -> Image:
@@ -92,9 +94,9 @@ class Scene:
         cv2.copyTo(self._still, self._outside, picture)
         return picture  # type: ignore[return-value]
 
-    def _ball(self, picture: Image, psi: float, dpsi: float) -> None:
-        x, y = self.ball_centre(psi)
-        blur = dpsi * self.settings.exposure_s * self.settings.track_radius
+    def _ball(self, picture: Image, psi: float, dpsi: float, distance: float = 1.0) -> None:
+        x, y = self.ball_centre(psi, distance)
+        blur = dpsi * self.settings.exposure_s * self.settings.track_radius * distance
         # along the track: from the bottom to the left
         self._blend(picture, x, y, self.settings.ball_radius, -cos(psi) * blur, -sin(psi) * blur)
 

@@ -20,9 +20,9 @@ DEFAULT_ROWS: Final = 512
 _MAGIC: Final = b"hoopring"
 _HEAD: Final = struct.Struct("@8sQ")  # magic, rows
 _NUMBER: Final = struct.Struct("@Q")
-_DATA: Final = struct.Struct("@5d")
+_DATA: Final = struct.Struct("@6d")
 _ROW_BYTES: Final = _NUMBER.size + _DATA.size
-_ROW: Final = np.dtype([("number", np.uint64), ("data", np.float64, (5,))])
+_ROW: Final = np.dtype([("number", np.uint64), ("data", np.float64, (6,))])
 
 
 class PlantState(NamedTuple):
@@ -33,6 +33,7 @@ class PlantState(NamedTuple):
     dtheta: float
     psi: float
     dpsi: float
+    distance: float = 1.0  # of the ball from the axis, in shares of what it is on the hoop
 
 
 class StateRingWriter:
@@ -46,12 +47,12 @@ class StateRingWriter:
             self._map = mmap.mmap(file.fileno(), 0)
         _HEAD.pack_into(self._map, 0, _MAGIC, rows)
 
-    def push(self, t: float, state: tuple[float, float, float, float]) -> None:
+    def push(self, t: float, state: tuple[float, float, float, float], distance: float = 1.0) -> None:
         """Append one row; times must rise."""
         start = _HEAD.size + (self._count % self._rows) * _ROW_BYTES
         self._count += 1
         _NUMBER.pack_into(self._map, start, 0)
-        _DATA.pack_into(self._map, start + _NUMBER.size, t, *state)
+        _DATA.pack_into(self._map, start + _NUMBER.size, t, *state, distance)
         _NUMBER.pack_into(self._map, start, self._count)
 
     def close(self) -> None:
@@ -69,7 +70,7 @@ class StateRingReader:
             raise ValueError(f"{path}: not a state ring")
 
     def rows(self) -> NDArray[np.float64]:
-        """(n, 5) t, theta, dtheta, psi, dpsi: all consistent rows, oldest first."""
+        """(n, 6) t, theta, dtheta, psi, dpsi, distance: all consistent rows, oldest first."""
         before, data, after = (np.frombuffer(self._map[_HEAD.size :], _ROW) for _ in range(3))
         number = before["number"]
         good = (number != 0) & (number == after["number"])
@@ -100,4 +101,4 @@ def _between(t: float, a: list[float], b: list[float]) -> PlantState:
     weights = (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2 * h, s * s * (3 - 2 * s), s * s * (s - 1) * h
     theta, psi = (sum(w * q for w, q in zip(weights, (a[i], a[i + 1], b[i], b[i + 1]), strict=True)) for i in (1, 3))
     dtheta, dpsi = (a[i] + s * (b[i] - a[i]) for i in (2, 4))
-    return PlantState(t, theta, dtheta, psi, dpsi)
+    return PlantState(t, theta, dtheta, psi, dpsi, a[5] + s * (b[5] - a[5]))

@@ -20,12 +20,14 @@ from hoopd.sim.faults import FaultScript
 from hoopd.vision.calibration import wrap
 
 State = lies.State
+# Off its track by more of its radius a ball is outside of the ring in which the detector looks (15 of 182 px).
+SEEN_SHARE = 0.08
 
 
 class Watcher(Protocol):
     """Turns the plant's state at a capture time into what the camera saw."""
 
-    def see(self, frame: int, t: float, state: State) -> CameraSample: ...
+    def see(self, frame: int, t: float, state: State, distance: float = 1.0) -> CameraSample: ...
 
 
 @dataclass(frozen=True)
@@ -61,25 +63,27 @@ class DirectWatcher:
         self._disturbance, self._frame_s = disturbance, frame_s
         self._frozen: CameraSample | None = None
 
-    def see(self, frame: int, t: float, state: State) -> CameraSample:
-        """One sample of the ball's angle."""
+    def see(self, frame: int, t: float, state: State, distance: float = 1.0) -> CameraSample:
+        """One sample of the ball's angle; `distance`: of the ball from the axis, in shares of its track's radius."""
         noise = self._noise * self._rng.standard_normal()
-        sample = self._see(frame, t, state, noise)
+        sample = self._see(frame, t, state, noise, distance)
         if self._script.active(t, "pictures_frozen") is None:
             self._frozen = None
             return sample
         self._frozen = self._frozen or sample
         return self._frozen._replace(frame=frame, t=t, t_arrival=t)
 
-    def _see(self, frame: int, t: float, state: State, noise: float) -> CameraSample:
+    def _see(self, frame: int, t: float, state: State, noise: float, distance: float) -> CameraSample:
         if self._script.active(t, "black_pictures") or self._script.active(t, "ball_gone"):
             return CameraSample(frame, t, t, nan, 0.0, nan, nan, frame)
         psi = lies.painted_psi(self._script, t)
         if psi is None:
             shown = lies.seen_state(self._script, t, state)[2]
             psi = shown + self._offset + noise + self._disturbance.of(t, self._frame_s)
-        x = self._centre[0] - self._radius * sin(psi)
-        y = self._centre[1] + self._radius * cos(psi)
+        x = self._centre[0] - self._radius * distance * sin(psi)
+        y = self._centre[1] + self._radius * distance * cos(psi)
+        if abs(distance - 1.0) > SEEN_SHARE:  # its place is known, but it is no ball on the hoop
+            return CameraSample(frame, t, t, nan, 0.0, x, y, frame)
         # what differs from picture to picture, as a sensor's noise does
         return CameraSample(frame, t, t, wrap(psi), 1.0 if isfinite(psi) else 0.0, x, y, frame)
 
@@ -90,6 +94,6 @@ class PictureWatcher:
     def __init__(self, painter: Painter, analyser: Analyser, frame_s: float) -> None:
         self._painter, self._analyser, self._frame_s = painter, analyser, frame_s
 
-    def see(self, frame: int, t: float, state: State) -> CameraSample:
+    def see(self, frame: int, t: float, state: State, distance: float = 1.0) -> CameraSample:
         """Render and analyse one picture."""
-        return self._analyser.bgr(frame, t, t, self._painter.paint(frame, t, state, self._frame_s))
+        return self._analyser.bgr(frame, t, t, self._painter.paint(frame, t, state, self._frame_s, distance))

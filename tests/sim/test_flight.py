@@ -14,10 +14,13 @@ from hoopd.core.records import CameraSample
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.model_file import load_model
 from hoopd.shell import config as configuration
+from hoopd.shell.ball_detection import Analyser
+from hoopd.shell.config import Vision
 from hoopd.sim import parts
 from hoopd.sim.faults import FaultScript
-from hoopd.sim.plant import SEEN_SHARE, RigPlant
-from hoopd.sim.watchers import DirectWatcher
+from hoopd.sim.plant import RigPlant
+from hoopd.sim.scene import Scene, SceneSettings
+from hoopd.sim.watchers import SEEN_SHARE, DirectWatcher
 from tests.plants.maneuver.independent import accelerations
 
 Array = NDArray[np.float64]
@@ -84,9 +87,10 @@ def test_off_its_track_it_is_not_seen() -> None:
     watcher = DirectWatcher(FaultScript([], 0), 0, noise_rad=0.0, offset_rad=0.0, centre_px=(240, 240), radius_px=182)
     for k in range(1, 40):
         plant.advance(0.01 * k, 0.0)
-        sample: CameraSample = watcher.see(k, 0.01 * k, plant.shown)
+        sample: CameraSample = watcher.see(k, 0.01 * k, plant.shown, plant.shown_distance)
         off = abs(plant.distance - 1.0) > SEEN_SHARE
         assert isnan(sample.psi) == off and sample.confidence == (0.0 if off else 1.0)
+        assert hypot(sample.x_px - 240, sample.y_px - 240) == pytest.approx(182 * plant.distance)
         seen.append(off)
     assert any(seen) and not seen[-1]
 
@@ -94,3 +98,13 @@ def test_off_its_track_it_is_not_seen() -> None:
 def test_the_configuration_switches_it_on() -> None:
     config = configuration.load(None, sim=True, overrides=["sim.effects=[{name: ball.lift_off}]"])
     assert parts.plant_arguments(config, FILE)["effects"] == {"ball.lift_off": {"restitution": 0.0, "grip": 1e3}}
+
+
+def test_a_flying_ball_is_drawn_where_it_is_and_found_near_its_track() -> None:
+    scene, analyser = Scene(SceneSettings()), Analyser(Vision(), 0.3)
+    for distance in (1.0, 0.93):
+        sample = analyser.bgr(1, 0.0, 0.0, scene.render(1, (0.0, 0.0, 2.6, 0.0), distance=distance))
+        assert sample.psi == pytest.approx(2.6, abs=0.01)
+        assert hypot(sample.x_px - 240, sample.y_px - 240) == pytest.approx(182 * distance, abs=0.7)
+    analyser.reset()
+    assert isnan(analyser.bgr(1, 0.0, 0.0, scene.render(1, (0.0, 0.0, 2.6, 0.0), distance=0.75)).psi)

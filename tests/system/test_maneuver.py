@@ -165,6 +165,7 @@ def bouncing(restitution: float, grip: float = 0.3) -> str:
 def test_a_ball_is_thrown_and_caught(tmp_path: Path, restitution: float) -> None:
     result = played(tmp_path, bouncing(restitution), repeat=2, file=throw())
     assert result["succeeded"] == 2 and set(result["faults"]) <= {"ball_missing"}, result
+    assert all(one["least_distance"] < 0.9 for one in result["attempts"])
     true, p = truth.read(tmp_path / "truth.csv"), HOOP.values()
     free = (p["Ro"] - p["Rb"]) * true.dpsi**2 + p["g"] * np.cos(true.psi) < 0.0
     assert true.psi[-1] == pytest.approx(2 * tau, abs=0.02) and free.sum() > 2 * 3
@@ -183,4 +184,5 @@ def test_a_ball_that_never_left_the_hoop_was_not_thrown(tmp_path: Path) -> None:
     """A loop that is called a throw goes round and settles, and is none."""
     result = played(tmp_path, file=msgspec.structs.replace(trajectory(), maneuver="throw"))
     (attempt,) = result["attempts"]
-    assert not attempt["success"] and "flew for" in attempt["shortfalls"][0]
+    assert not attempt["success"] and attempt["shortfalls"] == ["the ball did not leave the hoop"]
+    assert attempt["least_distance"] > 0.99

@@ -161,12 +161,13 @@ def run_rig(seed: int, arms: list[str]) -> dict[str, Any]:
     return row
 
 
-def show(rows: list[dict[str, Any]], arms: list[str]) -> None:
+def show(rows: list[dict[str, Any]], arms: list[str], kind: str = "loop") -> None:
     """Rates with intervals, and the reasons."""
     console = Console()
     able = [row for row in rows if row["feasible"]]
-    console.print(f"{len(rows)} rigs, on {len(rows) - len(able)} of them no loop can be planned with everything known")
-    table = Table("planned on", "loops at the first attempt", "95 % interval", "of rigs without a plan")
+    without = len(rows) - len(able)
+    console.print(f"{len(rows)} rigs, on {without} of them no {kind} can be planned with everything known")
+    table = Table("planned on", f"{kind}s at the first attempt", "95 % interval", "of rigs without a plan")
     for arm in arms:
         told = rate(row["arms"][arm]["success"] for row in able)
         others = sum(row["arms"][arm]["success"] for row in rows if not row["feasible"])

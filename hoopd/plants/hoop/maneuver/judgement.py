@@ -18,6 +18,8 @@ SETTLED_RAD, SETTLED_HOOP_RAD_S = 0.1, 3.0
 SETTLE_WITHIN_S = 2.0
 # Of a throw, three ticks: in 0.06 s a ball falls by 18 mm, a fifth of the way across.
 LEAST_FLIGHT_S = 0.05
+# A ball on the hoop is seen within a fiftieth of its track.
+OFF_TRACK = 0.95
 
 
 class RecordedManeuver(NamedTuple):
@@ -35,6 +37,8 @@ class RecordedManeuver(NamedTuple):
         psi as the camera saw it, rad, and when; NaN without a picture.
     ended_t : float
         When the maneuver ended, s.
+    distance : ndarray, shape (n,), optional
+        Of the ball from the axis in the pictures, in shares of what it is on the hoop; NaN without a ball.
     """
 
     t: Array
@@ -43,6 +47,7 @@ class RecordedManeuver(NamedTuple):
     seen_t: Array
     seen: Array
     ended_t: float
+    distance: Array | None = None
 
     @property
     def bottom(self) -> float:
@@ -65,6 +70,8 @@ class ManeuverOutcome(NamedTuple):
         Furthest from where it began.
     loose_s : float
         How long the ball moved, for its longest time at once, as none does that a hoop holds.
+    least_distance : float
+        Of the ball from the axis while it was played, as of the recording; NaN where no picture told it.
     """
 
     turns: int
@@ -72,6 +79,12 @@ class ManeuverOutcome(NamedTuple):
     settled_s: float
     largest_angle_rad: float
     loose_s: float
+    least_distance: float = nan
+
+    @property
+    def flew(self) -> bool:
+        """A picture showed the ball off the hoop, or it moved as none does that a hoop holds."""
+        return self.least_distance < OFF_TRACK or self.loose_s >= LEAST_FLIGHT_S
 
     def shortfalls(self, kind: str, turn: int) -> tuple[str, ...]:
         """What a maneuver of this kind lacks to be one; empty: it succeeded."""
@@ -81,8 +94,8 @@ class ManeuverOutcome(NamedTuple):
             found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
         if isnan(self.least_contact):
             return ("too little was recorded of it",)
-        if kind == "throw" and not self.loose_s >= LEAST_FLIGHT_S:
-            found.append(f"flew for {self.loose_s:.2f} s, less than {LEAST_FLIGHT_S:g}")
+        if kind == "throw" and not self.flew:
+            found.append("the ball did not leave the hoop")
         if kind != "throw" and not self.least_contact > 0.0:
             found.append(f"the contact was lost ({self.least_contact:.2f} of the ball's weight)")
         if not self.settled_s <= SETTLE_WITHIN_S:
@@ -109,7 +122,7 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     >>> t = np.arange(0.0, 3.0, 0.02)
     >>> rest = RecordedManeuver(t, 0 * t, np.zeros((150, 4)), t, 0 * t, 1.0)
     >>> judge_maneuver(rest, 0.085, 9.81)
-    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0, loose_s=0.0)
+    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0, loose_s=0.0, least_distance=nan)
     """
     played, after = run.t <= run.ended_t, run.t > run.ended_t
     ball = run.seen[np.isfinite(run.seen)]
@@ -124,7 +137,8 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     settled_s = float(last - run.ended_t) if last < run.t[-1] else inf
     turns = round((bottom - float(ball[0])) / tau)
     loose = _longest(run.t[played], contact < 0.0)
-    return ManeuverOutcome(turns, float(contact.min()), settled_s, float(np.abs(ball - ball[0]).max()), loose)
+    near = nan if run.distance is None else float(np.fmin.reduce(run.distance[played]))
+    return ManeuverOutcome(turns, float(contact.min()), settled_s, float(np.abs(ball - ball[0]).max()), loose, near)
 
 
 def _longest(t: Array, holds: NDArray[np.bool_]) -> float:

@@ -1,0 +1,132 @@
+"""Throws at the first attempt on sealed rigs whose balls bounce: planned on re-fitted parameters, on the shipped model.
+
+python tools/bench/throw.py [--rigs 20] [--first 0] [--arms refit,nominal] [--json FILE]
+
+Every rig has all its parameters a tenth off, a dry friction of up to 15 mN m, a restitution of 0 to 0.4 and a friction
+of its touches of 0.1 to 0.5; nobody is told. It is recorded for 40 s, `hoopd fit` makes a model of that, `hoopd design
+lqg` a law for the bottom on it, `hoopd trajectory throw` a plan; the throw is played once, without practice. It counts
+when it succeeds by the recording's judgement and, in the rig's own state, the ball moved as none does that is held.
+Rigs on which no throw can be planned with everything known are counted apart. It prints rates with their 95 %
+intervals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
+
+from maneuver import ARMS, Options, judged, recorded, show  # noqa: E402
+from sealedrigs.rigs import SealedRig, sealed_rig  # noqa: E402
+
+from hoopd.commands.design import run as design  # noqa: E402
+from hoopd.commands.options.design import DesignOptions  # noqa: E402
+from hoopd.commands.options.trajectory import TrajectoryOptions  # noqa: E402
+from hoopd.commands.trajectory import planned  # noqa: E402
+from hoopd.daemon.maneuver import AskedManeuver  # noqa: E402
+from hoopd.daemon.maneuver import run as play  # noqa: E402
+from hoopd.daemon.recording_target import Where  # noqa: E402
+from hoopd.files.reading import InputError  # noqa: E402
+from hoopd.sim import truth  # noqa: E402
+
+MOST_FRICTION_NM, MOST_RESTITUTION, GRIP = 0.015, 0.4, (0.1, 0.5)
+# Of the rig's own state, while nothing could have held the ball: a part of the planned flight.
+LEAST_LOOSE_S = 0.04
+
+
+def bouncing_rig(seed: int) -> SealedRig:
+    """One rig: the parameters of the sealed one, and a ball that bounces."""
+    rng = np.random.default_rng([seed, 4711])
+    touch = {"restitution": float(rng.uniform(0.0, MOST_RESTITUTION)), "grip": float(rng.uniform(*GRIP))}
+    friction = {"Fc": float(rng.uniform(0.0, MOST_FRICTION_NM))}
+    return sealed_rig(seed)._replace(effects={"hoop.coulomb_friction": friction, "ball.lift_off": touch})
+
+
+def thrown(rig: SealedRig, model: Path, folder: Path, arm: str) -> dict[str, Any]:
+    """Plan on a model, play once on the rig; what became of it."""
+    own = folder / arm
+    own.mkdir()
+    law = own / "lqg.yaml"
+    try:
+        design(DesignOptions(law="lqg", model=model, out=law))
+        plan = planned(TrajectoryOptions(kind="throw", model=model))
+    except (InputError, ValueError) as error:
+        return {"success": False, "why": f"no plan: {str(error)[:80]}"}
+    sets = (f"sim.model={folder / 'sealed.yaml'}", f"sim.directory={own}", f"control.file={law}", "log.level=error")
+    options = Options(sim=True, sets=sets, seed=1000 + rig.seed, speed="max", direct=True)
+    result = play(AskedManeuver(plan.file, "throw.yaml"), options, Where(file=own / "run.mcap"))
+    loose = loose_s(own, rig)
+    told = judged(result, 1.0)
+    if told["success"] and loose < LEAST_LOOSE_S:
+        told = {"success": False, "why": f"the rig's ball flew for {loose:.2f} s"}
+    return {**told, "loose_s": loose, "faults": result["faults"]}
+
+
+def loose_s(folder: Path, rig: SealedRig) -> float:
+    """How long the rig's ball moved as none does that its hoop holds."""
+    state, p = truth.read(folder / "truth.csv"), rig.model().values()
+    free = (p["Ro"] - p["Rb"]) * state.dpsi**2 + p["g"] * np.cos(state.psi) < 0.0
+    return float(np.sum(free) * np.median(np.diff(state.t)))
+
+
+def feasible(folder: Path) -> bool:
+    """Whether a throw can be planned with everything known."""
+    with contextlib.suppress(InputError, ValueError):
+        planned(TrajectoryOptions(kind="throw", model=folder / "sealed.yaml"))
+        return True
+    return False
+
+
+def run_rig(seed: int, arms: list[str]) -> dict[str, Any]:
+    """One rig, all its arms."""
+    rig, began = bouncing_rig(seed), time.perf_counter()
+    with tempfile.TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
+        folder = Path(name)
+        rig.write(folder / "sealed.yaml")
+        row: dict[str, Any] = {"seed": seed, "effects": rig.effects, "feasible": feasible(folder), "arms": {}}
+        files = recorded(rig, folder) if arms != ["nominal"] else []
+        for arm in arms:
+            try:
+                row["arms"][arm] = thrown(rig, ARMS[arm](files, folder), folder, arm)
+            except (InputError, ValueError) as error:
+                row["arms"][arm] = {"success": False, "why": f"no model: {str(error)[:80]}"}
+    row["seconds"] = round(time.perf_counter() - began, 1)
+    return row
+
+
+def main() -> None:
+    """Run the rigs one after another."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rigs", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first rig")
+    parser.add_argument("--arms", default="refit,nominal")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    arms, rows = options.arms.split(","), []
+    for seed in range(options.first, options.first + options.rigs):
+        rows.append(run_rig(seed, arms))
+        row = rows[-1]
+        what = {arm: one["why"] or "caught" for arm, one in row["arms"].items()}
+        told = ", ".join(f"{name} {value:.3g}" for one in row["effects"].values() for name, value in one.items())
+        print(f"rig {seed} ({told}) {row['seconds']} s: {what}", file=sys.stderr, flush=True)
+        if options.json is not None:
+            options.json.write_text(json.dumps(rows, indent=1))
+    show(rows, arms, "throw")
+
+
+if __name__ == "__main__":
+    main()
