@@ -16,7 +16,7 @@ nothing is learned but whether the reported speed has noise.
 from __future__ import annotations
 
 from collections import deque
-from math import copysign, isfinite, sin, sqrt
+from math import copysign, exp, isfinite, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -77,6 +77,7 @@ class HoopMotion(NamedTuple):
     late_s: float = 0.0  # by how much torque and readings are known to be late
     speed_sd: float = 0.05  # rad/s
     angle_sd: float = 4.4e-4  # rad
+    speed_lag_s: float = 0.0  # of the reported speed behind the angle's, where the model knows one
 
 
 class Acted(NamedTuple):
@@ -243,17 +244,25 @@ class SpeedNoise:
 
 
 class AngleAgainstSpeed:
-    """The angle's change and the integral of the speed, from answer to answer and over `PATH_TICKS`."""
+    """The angle's change and the integral of the speed, from answer to answer and over `PATH_TICKS`.
+
+    Where the model knows that the reported speed lags, by T w' = theta' - w, it is compared with the angle's behind the
+    same lag: 39 ms are 8 rad/s while a maneuver's torque acts.
+    """
 
     def __init__(self, mismatch_rad_s: float, tick_s: float) -> None:
         self._mismatch_rad_s, self._tick_s = mismatch_rad_s, tick_s
         self._samples: deque[DriverSample] = deque(maxlen=PATH_TICKS + 1)
+        self.lag_s = 0.0  # of the speed, as the model knows it
+        self._behind = 0.0  # rad/s, the angle's speed behind that lag
 
     def update(self, driver: DriverSample) -> bool:
         """They contradict each other."""
         samples = self._samples
         if samples and not 0.0 < driver.t - samples[-1].t < LONGEST_GAP_S:
             samples.clear()
+        if not samples:
+            self._behind = driver.dtheta
         samples.append(driver)
         return len(samples) > 1 and (self._step_off() or self._path_off())
 
@@ -261,6 +270,10 @@ class AngleAgainstSpeed:
         before, now = self._samples[-2], self._samples[-1]
         seconds = now.t - before.t
         mean, reported = (now.theta - before.theta) / seconds, 0.5 * (now.dtheta + before.dtheta)
+        if self.lag_s > 0.0:
+            earlier, share = self._behind, 1.0 - exp(-seconds / self.lag_s)
+            self._behind = earlier + share * (mean - earlier)
+            mean = 0.5 * (earlier + self._behind)
         return seconds < 3 * self._tick_s and abs(reported - mean) > self._mismatch_rad_s
 
     def _path_off(self) -> bool:
@@ -305,13 +318,14 @@ class EncoderChecks:
         """`motion`: None: no model of a hoop, so that the encoder is judged by itself alone; `mismatch_rad_s`: between
         the reported speed and the angle's, from one answer to the next."""
         self._tick_s = tick_s
-        self.follow(motion)
         self._noise, self._apart = SpeedNoise(), AngleAgainstSpeed(mismatch_rad_s, tick_s)
+        self.follow(motion)
         self._driver: DriverSample | None = None
 
     def follow(self, motion: HoopMotion | None) -> None:
         """Another model of the hoop, from now on."""
         self._model = None if motion is None else AgainstTorque(motion, self._tick_s)
+        self._apart.lag_s = 0.0 if motion is None else motion.speed_lag_s
 
     def update(self, t: float, driver: DriverSample | None, torque_nm: float, psi: float) -> dict[str, int]:
         """Weights by name at the tick `t`; `torque_nm`: what the last tick sent; `psi`: rad, as estimated."""

@@ -197,3 +197,28 @@ def test_a_speed_that_runs_out_behind_a_low_pass_has_no_noise() -> None:
         speed = float(np.float32(0.7 * speed)) if k < 60 else 0.0
         came |= noise.update(DriverSample(k * PERIOD_S, 0, 1, 0, 0.0, speed, 0.0, 0))
     assert not came
+
+
+def driven(checks: EncoderChecks, lag_s: float, jump: float = 0.0) -> int:
+    """Ticks in which speed and angle contradict each other, of a hoop at 220 rad/s^2 whose speed lags."""
+    theta = speed = told = 0.0
+    bad = 0
+    for k in range(40):
+        for _ in range(20):  # milliseconds
+            acceleration = 220.0 if k % 20 < 10 else -220.0
+            speed += 1e-3 * acceleration
+            theta += 1e-3 * speed
+            told = speed if lag_s == 0.0 else told + 1e-3 * (speed - told) / lag_s
+        t = 0.02 * (k + 1)
+        driver = DriverSample(t, k % 256, 1, 0, theta, told + (jump if k > 20 else 0.0), 0.0, int(1e3 * t))
+        bad += checks.update(t, driver, 0.3, 0.0)["speed_implausible"]
+    return bad
+
+
+def test_a_speed_that_lags_as_the_model_says_contradicts_nothing() -> None:
+    knowing, ignorant = MOTION._replace(speed_lag_s=0.039), MOTION
+    assert driven(EncoderChecks(ignorant, 6.0, 0.02), 0.039) >= 10
+    assert driven(EncoderChecks(knowing, 6.0, 0.02), 0.039) == 0
+    # what contradicts beside it is told as before
+    assert driven(EncoderChecks(knowing, 6.0, 0.02), 0.039, jump=8.0) >= 15
+    assert driven(EncoderChecks(ignorant, 6.0, 0.02), 0.0) == 0

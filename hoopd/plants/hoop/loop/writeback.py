@@ -134,7 +134,14 @@ def hoop_motion(found: FoundEffects, settings: EkfSettings) -> HoopMotion:
         late_s=delays.torque_s + delays.encoder_s,
         speed_sd=settings.r_dtheta**0.5,
         angle_sd=settings.r_theta**0.5,
+        speed_lag_s=_speed_lag_s(found.believed()),
     )
+
+
+def _speed_lag_s(found: FoundEffects) -> float:
+    """Of the reported speed behind the hoop's."""
+    lags = [one.key(one.sensor_lag["dtheta"]) for one in found.effects() if "dtheta" in one.sensor_lag]
+    return sum(found.values[name] for name in lags)
 
 
 def feedforward_of(
