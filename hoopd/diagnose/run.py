@@ -29,7 +29,7 @@ from hoopd.diagnose.findings import (
 )
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
-from hoopd.diagnose.proof.confirmation import confirmation
+from hoopd.diagnose.proof.confirmation import confirmation, less_sure
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.finding_standings import Asked, standings
@@ -175,6 +175,7 @@ def _diagnosed(case: Case) -> Outcome:
     faults = camera_faults([one.quality for one in case.train], threshold)
     known = {name: library[name] for name in case.library}
     stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold))
+    said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     if unknown is not None:
         effects = sorted(

@@ -17,7 +17,7 @@ from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof import worse_channels
-from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, reach, status_of
+from hoopd.diagnose.proof.confirmation import HARDLY, Confirmation, confirmation, less_sure, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played, played
@@ -74,6 +74,22 @@ def test_what_is_there_is_confirmed_and_kept(fits: tuple[HypothesisFit, Hypothes
     assert found.statuses == {FRICTION.name: "confirmed"}
     assert found.kept is named.final and found.final is named.final and not found.denials and not found.refused
     assert lowered(shown["named"], shown["base"])  # the other way round something is lost
+
+
+def test_what_is_hardly_the_law_in_its_place_is_weak_whatever_held_out_data_gain(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = named_with(*fits)
+    said, _ = confirmed(named, recorded("held", 2, friction=True))
+    assert less_sure(said, {FRICTION.name: 0.02}).statuses == said.statuses
+    found = less_sure(said, {FRICTION.name: 0.005})
+    assert found.statuses == {FRICTION.name: "weak"} and found.reason(FRICTION.name) == HARDLY
+    assert found.written is said.written and found.kept is said.kept  # held-out windows are surely better with it
+    monkeypatch.setattr(confirmation_module, "lowered", lambda *_: {})
+    assert FRICTION.name not in less_sure(said, {FRICTION.name: 0.005}).written.names
+    # what is denied stays denied, with its own reason
+    denied = replace(said, statuses={FRICTION.name: "not_confirmed"})
+    assert less_sure(denied, {FRICTION.name: 0.005}).statuses == {FRICTION.name: "not_confirmed"}
 
 
 @pytest.fixture(scope="module")

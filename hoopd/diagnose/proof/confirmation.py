@@ -6,7 +6,8 @@ simulation of any channel beyond noise, or by which the held-out data lose likel
 model that is written. Where several are denied, each of them beside the others, or the rest together is still worse
 than the re-fitted base, all are taken up again one after the other, the one with the most evidence first, the denied
 ones once more beside what is kept by then; those that still lower a channel are not confirmed. A denied name that
-leaves evidence stays among the findings, for something is there; one that leaves none is refused.
+leaves evidence stays among the findings, for something is there; one that leaves none is refused. Whatever stands in a
+place gains in held-out data: a law that is hardly the one in its place is confirmed by none of it.
 
 Rules of this file: the search is over; nothing is named here, and nothing is refused but by held-out data.
 """
@@ -14,7 +15,7 @@ Rules of this file: the search is over; nothing is named here, and nothing is re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +35,9 @@ from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 # A name whose surprise is less than this above the threshold barely passes, nats.
 WEAK_NATS = 3.0
+# A name less likely than this is hardly the law in its place.
+LEAST_LIKELY = 0.01
+HARDLY = "other laws are far likelier in its place: it is less than 1 % likely"
 # Of an effect that changes the held-out data by less, they say nothing, nats.
 LEAST_REACH = UNSEEN_LOSS
 
@@ -56,12 +60,15 @@ class Confirmation:
     # names that blocks of the training data speak against: points of fit that channels lose by them; no points where
     # they are not surely better with a name that needs it
     harmful: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    unlikely: frozenset[str] = frozenset()  # names that are hardly the law in their place
 
     def reason(self, name: str) -> str:
         """Why a finding is not confirmed, weak, or in no model; empty where nothing more is to be said."""
         if name in self.denials:
             return self.denials[name].reason
-        return reason_of(self.harmful[name]) if name in self.harmful else ""
+        if name in self.harmful:
+            return reason_of(self.harmful[name])
+        return HARDLY if name in self.unlikely else ""
 
 
 def confirmation(
@@ -99,6 +106,24 @@ def confirmation(
     ]  # fmt: skip
     written = _fitted_without(names.kept, left_out)
     return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful)
+
+
+def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int = 0) -> Confirmation:
+    """What is hardly the law in its place (`likely`, by name) is weak, whatever held-out data gain by it; and in no
+    model where they are not surely simulated better with it."""
+    unlikely = frozenset(
+        name for name, share in likely.items()
+        if share is not None and share < LEAST_LIKELY and said.statuses.get(name) in ("confirmed", "weak")
+    )  # fmt: skip
+    left_out = [
+        name for name in unlikely if name in said.written.names and not _simulates_better(name, said.fits, seed)
+    ]
+    return replace(
+        said,
+        written=_fitted_without(said.written, left_out),
+        statuses={**said.statuses, **dict.fromkeys(unlikely, "weak")},
+        unlikely=unlikely,
+    )
 
 
 def _simulates_better(name: str, fits: Mapping[str, Played], seed: int) -> bool:
