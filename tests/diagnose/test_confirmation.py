@@ -16,7 +16,7 @@ from hoopd.commands.diagnosed_model import flipped, outside
 from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
-from hoopd.diagnose.proof import worse_channels
+from hoopd.diagnose.proof import replacement, worse_channels
 from hoopd.diagnose.proof.confirmation import HARDLY, Confirmation, confirmation, less_sure, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
@@ -169,6 +169,37 @@ def test_a_neighbour_of_the_same_slot_takes_the_place_of_a_denied_name() -> None
     assert named.final.names == (FRICTION.name,) and [one.effect.name for one in named.accepted] == [FRICTION.name]
     assert named.losses.keys() == named.without.keys() == {FRICTION.name} and named.losses[FRICTION.name] > 20.0
     assert named.rivals[FRICTION.name][0][0] == drag.name
+
+
+def test_neighbours_are_effects_of_the_same_slot(
+    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[str]] = []
+
+    def judge(train: Any, near: Any, settings: Any) -> Any:
+        asked.append([*near])
+        return SimpleNamespace(proposals=lambda *_: [])
+
+    monkeypatch.setattr(replacement, "Judge", judge)
+    named = named_with(*fits)
+    replacement._tried(named, Judge([], library(PLANT), Settings()), named.accepted[0])
+    assert "hoop.quadratic_drag" in asked[0] and FRICTION.name not in asked[0]
+    assert {name.split(".")[0] for name in asked[0]} == {"hoop"}
+
+
+@pytest.mark.parametrize("lost", [None, 5.0])
+def test_a_neighbour_that_folds_refuse_takes_no_place(lost: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    name, other = FRICTION.name, SimpleNamespace(surprise=40.0, fit=SimpleNamespace(criterion=0.0))
+    named: Any = SimpleNamespace(
+        final=SimpleNamespace(criterion=1.0), without={name: SimpleNamespace(criterion=50.0)}, accepted=[1]
+    )
+    judge: Any = SimpleNamespace(settings=Settings(), fold_loss=lambda *_: lost)
+    held: Any = SimpleNamespace(played_of=lambda _: object())
+    one: Any = SimpleNamespace(effect=FRICTION)
+    monkeypatch.setattr(replacement, "_tried", lambda *_: [other])
+    monkeypatch.setattr(replacement, "surprise_in", lambda *_: 30.0)
+    monkeypatch.setattr(replacement, "denial", lambda *_: None)
+    assert replacement._neighbour(named, held, judge, one, 0) is (other if lost is None else None)
 
 
 def test_a_name_that_is_not_denied_is_not_exchanged(fits: tuple[HypothesisFit, HypothesisFit]) -> None:

@@ -63,6 +63,14 @@ def test_a_swap_that_gains_little_may_lose_little_in_folds(
     assert naming._better(found, judge, one, without, 500.0) is None  # type: ignore[arg-type]
 
 
+def test_folds_may_lose_a_tenth_of_what_is_gained_and_three_nats_of_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    before: Any = SimpleNamespace(criterion=0.0)
+    for gain, lost, refused in ((500.0, 49.0, False), (500.0, 51.0, True), (9.0, 2.9, False), (9.0, 3.1, True)):
+        after: Any = SimpleNamespace(criterion=-gain)
+        judge = Written({0.0: 0.0, -gain: lost}, monkeypatch)
+        assert judge.fold_loss(before, after, gain) == (pytest.approx(lost) if refused else None)
+
+
 def test_who_was_refused_by_folds_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = tried("first", 90.0), tried("second", 60.0)
     first.fit, second.fit = SimpleNamespace(criterion=10.0), SimpleNamespace(criterion=40.0)

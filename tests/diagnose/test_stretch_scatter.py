@@ -102,3 +102,10 @@ def test_an_interval_is_asked_for_by_name() -> None:
 
 def test_a_fit_without_parameters_has_no_widths() -> None:
     assert half_widths(replace(fitted(slide(0.0)), free=(), rows=[], tracks=[], covariance=np.zeros((0, 0)))) == {}
+
+
+def test_of_few_stretches_scatter_counts_with_students_quantile() -> None:
+    """Of five stretches 2.78, not 1.96; what a right model scatters by is none."""
+    assert _width(1.0, 10.0, 4.0) == pytest.approx(27.76, rel=1e-3)
+    plain = pytest.approx(1.96, rel=1e-3)
+    assert _width(1.0, 1.2, 4.0) == plain and _width(1.0, 10.0, 2.0) == plain
