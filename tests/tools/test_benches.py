@@ -221,3 +221,28 @@ def test_false_alarms_tells_an_exception_from_an_alarm(
 def test_false_alarms_prints_its_rigs() -> None:
     out = run_bench("false_alarms.py", "--minutes", "0.3", "--only", "hoop.coulomb_friction", "--workers", "1")
     assert "hoop.coulomb_friction" in out and "were raised: none" in out
+
+
+def test_environments_prints_every_task_and_a_profile() -> None:
+    out = run_here("environments.py", "--seconds", "2", "--turns", "1", "--profile")
+    for row in ("bottom over plant", "loop over plant", "throw over plant", "bottom over rig", "times real time"):
+        assert row in out
+    assert "estimator.py" in out
+
+
+def test_nmpc_holds_the_ball_and_prints_both_solvers() -> None:
+    out = run_here("nmpc.py", "--ticks", "60", "--horizon", "20")
+    assert out.count("fatrop") == out.count("ipopt") == 2 and out.count("60 of 60") == 4
+    assert float(re.findall(r"at most (\S+) rad", out)[0]) < 0.1
+
+
+def test_a_rig_of_the_throws_is_drawn_from_its_seed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(str(BENCH))
+    monkeypatch.syspath_prepend(str(BENCH.parent))
+    throw = runpy.run_path(str(BENCH / "throw.py"))
+    rigs = [throw["bouncing_rig"](seed) for seed in range(20)]
+    assert rigs[3] == throw["bouncing_rig"](3)
+    touches = [rig.effects["ball.lift_off"] for rig in rigs]
+    assert all(0.0 <= one["restitution"] <= 0.4 and 0.1 <= one["grip"] <= 0.5 for one in touches)
+    assert max(one["restitution"] for one in touches) > 0.3 > 0.1 > min(one["restitution"] for one in touches)
+    assert "restitution" in rigs[0].write(tmp_path / "sealed.yaml").read_text()
