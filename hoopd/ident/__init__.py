@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from hoopd.ident.confidence import (
         zero_spread as zero_spread,
     )
+    from hoopd.ident.continuous_transfer import srivc as srivc
     from hoopd.ident.data import Data as Data
     from hoopd.ident.data import experiments as experiments
     from hoopd.ident.data import iddata as iddata
@@ -201,6 +202,7 @@ if TYPE_CHECKING:
     from hoopd.ident.polynomial.estimators import (
         weighted_total_least_squares as weighted_total_least_squares,
     )
+    from hoopd.ident.polynomial.lpv import lpv_arx as lpv_arx
     from hoopd.ident.polynomial.orders import scan as scan
     from hoopd.ident.polynomial.pem import armax as armax
     from hoopd.ident.polynomial.pem import bj as bj
@@ -256,6 +258,7 @@ if TYPE_CHECKING:
     )
     from hoopd.ident.simulated_example import example_data as example_data
     from hoopd.ident.smoothing import smooth as smooth
+    from hoopd.ident.smoothing import state_filter as state_filter
     from hoopd.ident.spectral import (
         coherence as coherence,
     )
@@ -280,6 +283,7 @@ if TYPE_CHECKING:
         from_response as from_response,
     )
     from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener as hammerstein_wiener
+    from hoopd.ident.statespace.lpv import lpv_pem as lpv_pem
     from hoopd.ident.statespace.nonlinear import nonlinear_pem as nonlinear_pem
     from hoopd.ident.statespace.okid import okid as okid
     from hoopd.ident.statespace.pbsid import pbsid as pbsid
@@ -310,6 +314,7 @@ if TYPE_CHECKING:
         response_covariance as response_covariance,
     )
     from hoopd.ident.structure_search import identify as identify
+    from hoopd.ident.uncertain import possible_models as possible_models
 
 # Module by module, what it gives.
 _GIVEN = {
@@ -322,7 +327,11 @@ _GIVEN = {
     "result_summary": "summary",
     "doubts": "IdentificationWarning",
     "prediction": "simulate predict prediction_error estimate_x0 predictor_system error_system",
-    "smoothing": "smooth",
+    "smoothing": "smooth state_filter",
+    "uncertain": "possible_models",
+    "continuous_transfer": "srivc",
+    "polynomial.lpv": "lpv_arx",
+    "statespace.lpv": "lpv_pem",
     "confidence": "response_spread pole_spread zero_spread",
     "measures": "fit_percent rms mse sse nrmse criteria aic aicc bic fpe parameters_of compare table",
     "residualtests": "residuals whiteness independence",
@@ -453,6 +462,8 @@ __all__ = [
     "least_squares",
     "linear_chirp",
     "low_crest",
+    "lpv_arx",
+    "lpv_pem",
     "merge",
     "minimum_phase",
     "model_spectrum",
@@ -472,6 +483,7 @@ __all__ = [
     "pole",
     "pole_covariance",
     "pole_spread",
+    "possible_models",
     "power_spectrum",
     "prbs",
     "predict",
@@ -499,9 +511,11 @@ __all__ = [
     "similarity_transform",
     "simulate",
     "smooth",
+    "srivc",
     "sse",
     "stabilize",
     "stack",
+    "state_filter",
     "state_space",
     "step",
     "steps",

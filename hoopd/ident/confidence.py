@@ -57,7 +57,7 @@ class RootSpread:
 
 
 @dataclass(frozen=True)
-class _Coefficients:
+class Coefficients:
     values: Array
     covariance: Array
     made: Callable[[Array], Innovations]
@@ -111,7 +111,7 @@ def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
     >>> spread.h.real.item(), round(spread.gain.item(), 4), spread.phase.item()
     (2.0, 0.05, 0.0)
     """
-    known = _coefficients(model)
+    known = coefficients_of(model)
     if known is None:
         return None
     own = known.made(known.values)
@@ -152,7 +152,7 @@ def pole_spread(model: Estimated) -> RootSpread | None:
     >>> spread.roots.real.round(2), bool(np.sqrt(spread.covariances[0, 0, 0]) < 0.01)
     (array([0.8]), True)
     """
-    known = _coefficients(model)
+    known = coefficients_of(model)
     if known is None:
         return None
     poles = np.asarray(np.linalg.eigvals(known.made(known.values).a), dtype=complex)
@@ -193,7 +193,7 @@ def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread |
     >>> bool(abs(spread.roots[0] - 0.5) < 3 * np.sqrt(spread.covariances[0, 0, 0]))
     True
     """
-    known = _coefficients(model)
+    known = coefficients_of(model)
     if known is None:
         return None
     own = known.made(known.values)
@@ -217,7 +217,7 @@ def zeros_of(model: Innovations, output: int, channel: int = 0) -> Complex:
     return np.asarray(found[own & np.isfinite(found)], dtype=complex)
 
 
-def _roots(known: _Coefficients, roots: Complex, change: Complex) -> RootSpread:
+def _roots(known: Coefficients, roots: Complex, change: Complex) -> RootSpread:
     spread = known.spread(change)
     spread[np.abs(roots) < AT_ZERO] = 0.0
     return RootSpread(roots, np.nan_to_num(spread, nan=0.0, posinf=0.0, neginf=0.0))
@@ -236,27 +236,27 @@ def _response(model: Innovations, z: Complex) -> Complex:
 # ------------------------------------------------------------------------------------------- coefficients of a model
 
 
-def _coefficients(model: Any) -> _Coefficients | None:
+def coefficients_of(model: Any) -> Coefficients | None:
     known = next((of for kind, of in _KINDS.items() if isinstance(model, kind)), None)
     return None if known is None else known(model)
 
 
-def _of_polynomials(model: Polynomials) -> _Coefficients | None:
+def _of_polynomials(model: Polynomials) -> Coefficients | None:
     if model.covariance is None:
         return None
-    return _Coefficients(model.values, model.covariance, lambda values: state_space(_changed(model, values)))
+    return Coefficients(model.values, model.covariance, lambda values: state_space(_changed(model, values)))
 
 
-def _of_matrices(model: Innovations) -> _Coefficients | None:
+def _of_matrices(model: Innovations) -> Coefficients | None:
     covariance = matrices_covariance(model)
     if covariance is None:
         return None
-    return _Coefficients(
+    return Coefficients(
         coordinates.values(model), covariance, lambda values: coordinates.with_values(model, values)
     )  # fmt: skip
 
 
-def _of_stack(model: StackedModels) -> _Coefficients | None:
+def _of_stack(model: StackedModels) -> Coefficients | None:
     covariances = [row.covariance for row in model.rows if row.covariance is not None]
     if len(covariances) < len(model.rows):
         return None
@@ -266,24 +266,24 @@ def _of_stack(model: StackedModels) -> _Coefficients | None:
         parts = zip(model.rows, np.split(values, ends), strict=True)
         return replace(model, rows=tuple(_changed(row, part) for row, part in parts)).state_space
 
-    return _Coefficients(
+    return Coefficients(
         np.concatenate([row.values for row in model.rows]), linalg.block_diag(*covariances), made
     )  # fmt: skip
 
 
-def _of_taps(model: Impulse) -> _Coefficients:
+def _of_taps(model: Impulse) -> Coefficients:
     n, ny, nu = model.g.shape
     taps = model.g.transpose(1, 2, 0).reshape(-1)
-    return _Coefficients(
+    return Coefficients(
         taps, linalg.block_diag(*model.covariance),
         lambda values: replace(model, g=values.reshape(ny, nu, n).transpose(2, 0, 1)).state_space,
     )  # fmt: skip
 
 
-def _of_parameters(model: Structured) -> _Coefficients | None:
+def _of_parameters(model: Structured) -> Coefficients | None:
     if model.built is None or not np.isfinite(model.covariance).all():
         return None
-    return _Coefficients(np.array(list(model.parameters.values())), model.covariance, model.built)
+    return Coefficients(np.array(list(model.parameters.values())), model.covariance, model.built)
 
 
 def _place(name: str) -> tuple[str, int, int]:
@@ -305,7 +305,7 @@ def _changed(model: Polynomials, values: Array) -> Polynomials:
     return replace(model, a=a, b=b, c=c, d=d, f=f)
 
 
-def _of_rows(model: VectorArx) -> _Coefficients | None:
+def _of_rows(model: VectorArx) -> Coefficients | None:
     """All rows together; their errors are as correlated as the innovations (the same regressors stand in all)."""
     roots = []
     for row in model.rows:
@@ -323,7 +323,7 @@ def _of_rows(model: VectorArx) -> _Coefficients | None:
             if i != j and set(orders[i]) == set(orders[j]):
                 same = _reordered(model, i, j, orders)
                 whole[starts[i] : starts[i + 1], starts[j] : starts[j + 1]] = related[i, j] * same
-    return _Coefficients(
+    return Coefficients(
         np.concatenate([row.values for row in model.rows]), whole, lambda values: _with_rows(model, values).state_space
     )
 
@@ -365,7 +365,7 @@ def _with_rows(model: VectorArx, values: Array) -> VectorArx:
     return replace(model, a=a, b=b)
 
 
-_KINDS: dict[type, Callable[[Any], _Coefficients | None]] = {
+_KINDS: dict[type, Callable[[Any], Coefficients | None]] = {
     VectorArx: _of_rows,
     StackedModels: _of_stack,
     Impulse: _of_taps,

@@ -1,0 +1,80 @@
+"""An estimated model with what its data leave open, as whoever designs on it wants it: other models that may be true.
+
+The coefficients lie within the ellipsoid (x - xhat)' P^-1 (x - xhat) < chi-square with a probability that is chosen;
+models on its surface, at random and along its longest axes of response, are those that a design has to stand.
+
+Rules of this file: by linearisation, as everything that a covariance says; the same seed gives the same models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hoopd.ident.confidence import coefficients_of
+from hoopd.ident.models import Innovations
+
+Array = NDArray[np.float64]
+
+# Directions whose variance is below this share of the largest are rounding, such as changes of basis.
+NOTHING = 1e-12
+
+
+def possible_models(model: Any, count: int = 100, *, level: float = 0.95, seed: int = 0) -> list[Innovations]:
+    """Give models on the surface of the ellipsoid that holds the true one with a probability.
+
+    Both ends of every axis of the ellipsoid come first, then points at random.
+
+    Parameters
+    ----------
+    model : any model
+        A result of this package with a covariance.
+    count : int
+        Models; at least as many as the ellipsoid has ends are wanted to see all of its axes.
+    level : float
+        Probability.
+    seed : int
+        Of the points at random.
+
+    Returns
+    -------
+    list of Innovations
+        The estimate itself first, then `count` others.
+
+    Raises
+    ------
+    ValueError
+        A model without a covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import arx, iddata, possible_models
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0], [1.0, -0.8], 0.1 * e)
+    >>> gains = [one.system.dcgain() for one in possible_models(arx(iddata(y, u, 0.1), 1, 1))]
+    >>> bool(min(gains) < 10.0 < max(gains)), len(gains)
+    (True, 101)
+    """
+    known = coefficients_of(model)
+    if known is None:
+        raise ValueError("the model has no covariance: nothing tells how far off it may be")
+    others = _surface(known.values, known.covariance, count, level, seed)
+    return [known.made(known.values), *(known.made(x) for x in others)]
+
+
+def _surface(values: Array, covariance: Array, count: int, level: float, seed: int) -> Iterator[Array]:
+    variances, axes = np.linalg.eigh(covariance)
+    real = variances > NOTHING * variances[-1]
+    spread = axes[:, real] * np.sqrt(variances[real])
+    reach = np.sqrt(stats.chi2.ppf(level, spread.shape[1]))
+    rng = np.random.default_rng(seed)
+    ends = [sign * one for one in np.eye(spread.shape[1])[::-1] for sign in (1.0, -1.0)]
+    for i in range(count):
+        point = ends[i] if i < len(ends) else rng.standard_normal(spread.shape[1])
+        yield values + reach * spread @ (point / np.linalg.norm(point))
