@@ -10,7 +10,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.proof.experiment_menu import in_times_of
 from hoopd.diagnose.search import bounded_disturbance
-from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sentences
+from hoopd.diagnose.search.bounded_disturbance import disturbance_unit, likeliest, unexplained_sentences
 from hoopd.diagnose.search.naming import name_effects
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.loop.experiment_plan import Plan
@@ -19,6 +19,7 @@ from hoopd.plants.likelihood.noise_tuning import first_noise
 from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+from hoopd.plants.plant_model import nominal_model
 from hoopd.plants.registry import plant_named
 
 AXIS = plant_named("axis")
@@ -93,6 +94,13 @@ def named_end(stretch: Stretch) -> float:
     (sentence,) = unexplained_sentences(base)
     assert "swings: a disturbance of" in sentence and " N " in sentence and "moves x" in sentence
     return named.final.criterion
+
+
+def test_what_is_left_over_has_its_unit_where_no_input_drives_it_too() -> None:
+    """A ball that falls; nobody said what moves the current beside a voltage."""
+    asked = {"falling": "h", "pendulum": "alpha", "axis": "x", "circuit": "i"}
+    told = {name: disturbance_unit(nominal_model(name).plant, state) for name, state in asked.items()}
+    assert told == {"falling": "N", "pendulum": "N m", "axis": "N", "circuit": ""}
 
 
 def test_friction_is_named_and_what_is_left_over_is_told() -> None:

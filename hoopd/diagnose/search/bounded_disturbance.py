@@ -16,6 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from hoopd.diagnose.search.screen import Score
+from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.usual_sizes import units
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_tuning import first_noise
@@ -66,12 +68,20 @@ def unexplained_sentences(found: HypothesisFit) -> list[str]:
         moved = (*plant.coordinates, *plant.first_order)
         for name, size, time_s, known in zip(moved, noise.force, noise.time_s, usual[recording].force, strict=True):
             if size > FAR_BEYOND * known:
-                unit = f" {plant.force_unit}" if name == plant.driven and plant.force_unit else ""
+                force = f"{size:.3g} {disturbance_unit(plant, name)}".rstrip()
                 out.append(
-                    f"{recording}: a disturbance of {size:.3g}{unit} that lasts {time_s:.2g} s moves {name}, "
+                    f"{recording}: a disturbance of {force} that lasts {time_s:.2g} s moves {name}, "
                     f"{size / known:.0f} times the usual: so much is explained by nothing that was named."
                 )
     return out
+
+
+def disturbance_unit(plant: Plant, name: str) -> str:
+    """Of what moves a state; empty where nobody said it: of a coordinate beside a voltage that drives another."""
+    if name == plant.driven:
+        return plant.force_unit
+    is_mechanical = name in plant.coordinates and plant.force_unit in ("", "N", "N m")
+    return units(plant, name).force if is_mechanical else ""
 
 
 def _no_more(noise: Noise, usual: Noise) -> Noise:
