@@ -5,23 +5,26 @@ The plant is a slide; what is recorded comes from a simulator of this file, whic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hoopd.diagnose.search import mechanism_search
-from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.candidates import Judge, Settings, Tried
+from hoopd.diagnose.search.fits_side_by_side import tried_all
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.scan_score import Scanned
+from hoopd.diagnose.search.screen import Score
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
-from hoopd.plants.effects.grammar.mechanism import NATS_A_CONSTANT
+from hoopd.plants.effects.grammar.mechanism import NATS_A_CONSTANT, Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
-from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 
 STEP_S, SUBSTEP_S = 0.02, 1e-3
@@ -195,6 +198,27 @@ def test_a_mechanism_takes_the_place_of_a_name_that_stood_for_it(monkeypatch: py
     (stood, behind), *_ = found.rivals[name]
     assert stood == "slide.coulomb_friction" and behind > 50.0
     assert found.losses.keys() == found.without.keys() == {name}
+
+
+def test_beside_one_fit_mechanisms_are_screened_once_and_each_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    about: list[HypothesisFit] = []
+    fitted: list[tuple[HypothesisFit, str]] = []
+
+    class Noted(MechanismScreen):
+        def __init__(self, found: HypothesisFit, wanted: Sequence[Mechanism], **more: Any) -> None:
+            about.extend([found] if len(wanted) > 1 else [])
+            super().__init__(found, wanted, **more)
+
+    def noted(judge: Judge, before: HypothesisFit, scores: Sequence[Score]) -> list[Tried]:
+        fitted.extend((before, one.member.effect.name) for one in scores)
+        return tried_all(judge, before, scores)
+
+    monkeypatch.setattr(mechanism_search, "MechanismScreen", Noted)
+    monkeypatch.setattr(mechanism_search, "tried_all", noted)
+    found = searched(bristles, ("none",))
+    assert found.final.names == ("slide.dahl_of_x",) and found.in_place
+    assert found.base in about and len(about) == len({id(one) for one in about})
+    assert len(fitted) == len({(id(before), name) for before, name in fitted}) > 1
 
 
 def rubbing(x: float, v: float, u: float, memory: dict[str, float]) -> float:

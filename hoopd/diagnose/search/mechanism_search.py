@@ -17,7 +17,16 @@ from math import exp
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.fits_side_by_side import tried_all
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
-from hoopd.diagnose.search.naming import NEAR_SHARE, OCCAM_NATS, Named, Refusal, reconsider, taken_out, widen_ranges
+from hoopd.diagnose.search.naming import (
+    NEAR_SHARE,
+    OCCAM_NATS,
+    MechanismTrial,
+    Named,
+    Refusal,
+    reconsider,
+    taken_out,
+    widen_ranges,
+)
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score, Screen
 from hoopd.diagnose.search.surprise import log_chance, surprise
@@ -97,11 +106,13 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     judge.settings.progress(f"mechanisms in place of {one.effect.name}")
     without, loss = found.without[one.effect.name], found.losses[one.effect.name]
     wanted = {each.name: each for each in mechanisms if each.name not in found.final.names}
-    screen = MechanismScreen(without, [*wanted.values()], level=False)
+    earlier = next((trial for trial in found.trials if trial.screen.fit is without), None)
+    screen = MechanismScreen(without, [*wanted.values()], level=False) if earlier is None else earlier.screen
     found.in_place[one.effect.name] = screen
     own, own_worth = _in_its_own_place(without, one, mechanisms, loss, judge)
-    near = [score for score in _scores(screen, without) if _is_near(score, own, wanted[score.member.effect.name])]
-    tried = tried_all(judge, without, near[:MOST_SWAPS])
+    scores = [score for score in _scores(screen, without) if score.member.effect.name in wanted]
+    near = [score for score in scores if _is_near(score, own, wanted[score.member.effect.name])]
+    tried = _tried_beside(judge, without, near[:MOST_SWAPS], [] if earlier is None else earlier.tried)
     others = [other for other in tried if _is_itself(screen, other)]
     found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in others)
     for other in sorted(tried, key=lambda other: -_fitted_worth(screen, other)):
@@ -114,6 +125,14 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
             found.rivals[other.effect.name] = [(one.effect.name, more), *rest]
             return other
     return None
+
+
+def _tried_beside(judge: Judge, without: HypothesisFit, scores: Sequence[Score], known: Sequence[Tried]) -> list[Tried]:
+    """Fits of what was proposed, in its order; what is `known` was fitted there before."""
+    found = {one.effect.name: one for one in known}
+    new = [score for score in scores if score.member.effect.name not in found]
+    found |= {one.effect.name: one for one in tried_all(judge, without, new)}
+    return [found[score.member.effect.name] for score in scores]
 
 
 def _in_its_own_place(
@@ -172,6 +191,7 @@ def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried 
     best = _worth(proposals[0])
     near = [one for one in proposals if _worth(one) >= NEAR_SHARE * best]
     tried = tried_all(judge, found.final, near[:MOST_REFITS])
+    found.trials.append(MechanismTrial(screen, tried))
     tried.sort(key=lambda one: -_fitted_worth(screen, one))
     for one in tried:
         if one.surprise < level:

@@ -36,6 +36,13 @@ NOT_EXCLUDED_NATS = 3.0
 OCCAM_NATS, OCCAM_SHARE = 4.0, 0.02
 
 
+class MechanismTrial(NamedTuple):
+    """Mechanisms screened beside a fit, and those of them that were fitted with it."""
+
+    screen: MechanismScreen
+    tried: list[Tried]
+
+
 class Refusal(NamedTuple):
     """An effect that was beyond the threshold and that folds refused."""
 
@@ -59,6 +66,7 @@ class Named:
     screens: dict[int, Screen] = field(default_factory=dict)  # by the fit they are about (its id)
     left: list[Score] = field(default_factory=list)  # screen of the final fit
     grammar: MechanismScreen | None = None  # the last screen of mechanisms
+    trials: list[MechanismTrial] = field(default_factory=list)  # of mechanisms beside what was found
     in_place: dict[str, MechanismScreen] = field(default_factory=dict)  # accepted -> mechanisms where it is taken out
     rivals: dict[str, list[tuple[str, float]]] = field(default_factory=dict)  # accepted -> (name, nats behind)
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)  # accepted -> rivals that folds refused
