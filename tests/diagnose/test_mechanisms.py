@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import Score
+from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.grammar.mechanism import NATS_A_CONSTANT, Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
@@ -292,3 +294,24 @@ def test_levels_of_a_screen_come_from_its_own_columns() -> None:
     assert screen.null.threshold(0.01) > screen.null.threshold(0.1)
     best = max((one.surprise for one in screen.proposals), default=0.0)
     assert best < screen.null.threshold(0.001)
+
+
+def test_what_it_costs_to_say_a_mechanism_is_paid_by_a_fitted_one_too() -> None:
+    proposed = SimpleNamespace(effect=SimpleNamespace(name="a.b"), columns=1, looked_at=1.0, cost=5.0)
+    screen: Any = SimpleNamespace(proposals=[proposed])
+    assert mechanism_search._worth_of(screen, "a.b", 50.0) == pytest.approx(surprise(50.0, 1) - 5.0)
+    assert mechanism_search._worth_of(screen, "c.d", 50.0) == 50.0
+
+
+def test_a_textbook_s_law_takes_a_place_for_less_than_any_other() -> None:
+    plain, known = (SimpleNamespace(textbook=one) for one in (False, True))
+    needed = [mechanism_search.swap_nats(one) for one in (plain, known)]  # type: ignore[arg-type]
+    assert needed == [mechanism_search.OCCAM_NATS, mechanism_search.TEXTBOOK_NATS] and needed[1] < needed[0]
+
+
+@pytest.mark.parametrize(("value", "is_itself"), [(0.06, True), (1.9, True), (0.04, False), (2.1, False)])
+def test_a_law_far_beyond_the_constants_that_were_tried_is_another_one(value: float, is_itself: bool) -> None:
+    screen: Any = SimpleNamespace(tried=lambda name: {"T": (0.1, 1.0)})
+    effect = SimpleNamespace(name="a.b", key=lambda name: f"a.b.{name}")
+    one: Any = SimpleNamespace(effect=effect, fit=SimpleNamespace(values={"a.b.T": value}))
+    assert mechanism_search._is_itself(screen, one) is is_itself

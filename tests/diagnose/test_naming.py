@@ -79,3 +79,19 @@ def test_who_was_refused_by_folds_is_remembered(monkeypatch: pytest.MonkeyPatch)
     assert naming._taken(found, judge, [first, second]) is second
     assert found.rivals == {"second": [("first", -30.0)]} and found.refused == {"second": ("first",)}
     assert found.refusals == {"first": naming.Refusal(90.0, 30.0)}
+
+
+@pytest.mark.parametrize(("loss", "stays"), [(3.0, False), (30.0, True)])
+def test_an_earlier_name_that_is_worth_nothing_beside_a_later_one_goes(
+    loss: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = tried("first", 90.0), tried("second", 60.0)
+    first.score = second.score = None
+    without = SimpleNamespace(criterion=loss)
+    monkeypatch.setattr(naming, "fit", lambda *_, **__: without)
+    monkeypatch.setattr(naming, "surprise_of", lambda score, gain, stretches: gain)
+    final = SimpleNamespace(criterion=0.0, values={}, noise={})
+    found: Any = SimpleNamespace(accepted=[first, second], final=final, base=SimpleNamespace(effects=()))
+    naming.reconsider(found, Written({}, monkeypatch), swaps=False)
+    assert found.accepted == ([first, second] if stays else [second])
+    assert found.final is (final if stays else without)
