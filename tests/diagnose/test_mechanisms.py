@@ -315,3 +315,19 @@ def test_a_law_far_beyond_the_constants_that_were_tried_is_another_one(value: fl
     effect = SimpleNamespace(name="a.b", key=lambda name: f"a.b.{name}")
     one: Any = SimpleNamespace(effect=effect, fit=SimpleNamespace(values={"a.b.T": value}))
     assert mechanism_search._is_itself(screen, one) is is_itself
+
+
+@pytest.mark.parametrize(("level", "found"), [(14.0, True), (16.0, False)])
+def test_a_mechanism_has_to_be_beyond_what_the_best_of_all_reaches_by_chance(
+    level: float, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen = SimpleNamespace(null=SimpleNamespace(threshold=lambda chance: level))
+    one = SimpleNamespace(surprise=15.0, gain=20.0, fit=None, effect=SimpleNamespace(name="a.b"))
+    monkeypatch.setattr(mechanism_search, "MechanismScreen", lambda *_: screen)
+    monkeypatch.setattr(mechanism_search, "_scores", lambda *_: [object()])
+    monkeypatch.setattr(mechanism_search, "_worth", lambda score: 30.0)
+    monkeypatch.setattr(mechanism_search, "_fitted_worth", lambda *_: 10.0)
+    monkeypatch.setattr(mechanism_search, "tried_all", lambda *_: [one])
+    judge: Any = SimpleNamespace(settings=Settings(), fold_loss=lambda *_: None)
+    named: Any = SimpleNamespace(final=None, grammar=None, rivals={}, refusals={})
+    assert (mechanism_search._next(named, judge, []) is one) is found

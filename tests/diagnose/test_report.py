@@ -671,6 +671,23 @@ def test_what_several_recordings_have_for_themselves_is_in_one_unit() -> None:
     assert len(values) == 4 and all(one.endswith(" rad") for one in values), values
 
 
+def test_a_run_over_all_that_was_held_out_and_is_worse_with_the_effects_is_told() -> None:
+    diagnosis, shown = coulomb()
+    runs = {
+        "a.csv": {"psi": Fit(nominal=1.0, base_refit=90.0, with_effects=80.0, noise_floor=None)},
+        "b.csv (held out)": {
+            "psi": Fit(nominal=1.0, base_refit=90.3, with_effects=89.6, noise_floor=None),
+            "dtheta": Fit(nominal=1.0, base_refit=90.3, with_effects=90.25, noise_floor=None),
+        },
+    }
+    told = msgspec.structs.replace(diagnosis, fit=msgspec.structs.replace(diagnosis.fit, free_run=runs))
+    said = words.free_run_sentence(told.fit)
+    assert said.startswith(
+        "One run over all of what was held out is worse with the effects: psi by 0.7 points (b.csv). "
+    )
+    assert squeezed(said) in squeezed(printed(told)) and said in Page(page(told, shown)).text
+
+
 def test_runs_over_whole_parts_say_which_were_fitted_to() -> None:
     rows = tables.free_run("", coulomb()[0].fit.free_run).rows
     assert rows and all(row[0].endswith((" (fitted to)", " (held out)", "")) for row in rows)
@@ -692,7 +709,9 @@ def test_a_placebo_is_told_by_the_gain_that_was_judged() -> None:
 
 
 def test_the_words_of_the_page_are_explained_on_it() -> None:
-    text = Page(made("coulomb")).text
+    seen = Page(made("coulomb"))
+    text = seen.text
+    assert "#words" in {one.get("href") for one in seen.all("a")} and seen.all("footer")[0]["id"] == "words"
     for word in ("Nats:", "Needed:", "Slot:", "Shuffled:", "Held-out data confirm", "Free curves:", "Likely:"):
         assert word in text
 

@@ -19,6 +19,8 @@ from hoopd.plots import diagnosis_curves as curves
 from hoopd.plots.number_format import listed, nats
 
 FITS = "NRMSE percent, 100 is perfect, in {windows}; each starts from its own estimated state."
+# Where nats, slots and the rest are explained.
+WORDS = ("words", "What the words mean")
 MOST_COMPARISONS = 6  # a page that is sent by mail has no room for more
 Part = Callable[[Diagnosis, Shown], str]
 
@@ -57,7 +59,8 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _contents(kept: Sequence[tuple[str, str, str]]) -> str:
-    links = "".join(f'<li><a href="#{name}">{text(title)}</a></li>' for name, title, _ in kept)
+    places = [*((name, title) for name, title, _ in kept), WORDS]
+    links = "".join(f'<li><a href="#{name}">{text(title)}</a></li>' for name, title in places)
     return f'<nav aria-label="Contents"><ul>{links}</ul></nav>\n'
 
 
@@ -140,6 +143,7 @@ def _proof(diagnosis: Diagnosis, shown: Shown) -> str:
     if len(drawn) > MOST_COMPARISONS:
         body += paragraph(f"{len(drawn) - MOST_COMPARISONS} more are in the table only.", "note")
     body += table(tables.free_run("One free run over the whole of each part (NRMSE %)", fit.free_run))
+    body += paragraph(words.free_run_sentence(fit))
     if fit.free_run_choice is not None:
         body += table(tables.free_run_choice(fit))
         body += table(tables.fit("One free run with these", fit.free_run_choice.fits)) + paragraph(
@@ -240,7 +244,8 @@ def _footer(diagnosis: Diagnosis) -> str:
         "nominal one.",
         f"Schema {diagnosis.schema}, seed {diagnosis.seed}.",
     )
-    return f"<footer>\n{''.join(map(paragraph, lines))}</footer>\n"
+    name, title = WORDS
+    return f'<footer id="{name}">\n<h2>{text(title)}</h2>\n{"".join(map(paragraph, lines))}</footer>\n'
 
 
 # Anchor, heading, what stands there.

@@ -29,6 +29,8 @@ MANY = 6
 LEAST_LIKELY = 0.1
 # A window carries the error when it has so many times an even part of it, or half; of two one always has.
 STANDS_OUT, HALF, FEWEST_WINDOWS = 3.0, 0.5, 3
+# How a part of a recording that nothing was fitted to is called in a table of free runs, and what one decimal shows.
+HELD_OUT, SHOWN = " (held out)", 0.1
 # What a reason is of.
 DOUBTS = {"weak": "Weak", "not_confirmed": "Not confirmed"}
 # What a column of probabilities says.
@@ -195,6 +197,23 @@ def numbers_sentence(diagnosis: Diagnosis) -> str:
         return ""
     names = short_names(diagnosis.fit.train)
     return listed(f"{number}: of {names[name]} alone" for name, number in numbers_of(diagnosis.fit).items())
+
+
+def free_run_sentence(fit: FitTable) -> str:
+    """Which channels one run over held-out data repeats worse with the effects; empty where none is."""
+    worse: dict[str, list[str]] = {}
+    for name, channel, one in each_fit(fit.free_run):
+        lost = (one.base_refit or 0.0) - (one.with_effects or 0.0)
+        if name.endswith(HELD_OUT) and one.with_effects is not None and lost > SHOWN:
+            worse.setdefault(name.removesuffix(HELD_OUT), []).append(f"{safe(channel)} by {lost:.1f}")
+    names = short_names(worse)
+    told = [f"{listed(points)} points ({names[name]})" for name, points in worse.items()]
+    if not told:
+        return ""
+    return (
+        f"One run over all of what was held out is worse with the effects: {listed(told)}. Windows are what a finding "
+        "is judged by; a run of many seconds adds up whatever is left."
+    )
 
 
 def chosen_sentence(fit: FitTable) -> str:

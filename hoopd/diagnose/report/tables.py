@@ -22,7 +22,7 @@ from hoopd.diagnose.record import (
     RecordingQuality,
     Visible,
 )
-from hoopd.diagnose.report.sentences import decimals, each_fit, none_of_them, numbers_of
+from hoopd.diagnose.report.sentences import HELD_OUT, decimals, each_fit, none_of_them, numbers_of
 from hoopd.plots.number_format import (
     NOTHING,
     amount,
@@ -147,8 +147,7 @@ def fit(title: str, fits: Fits) -> Table:
 
 def free_run(title: str, fits: Fits) -> Table:
     """The same of runs over whole parts: those that were fitted to are told from those that were held out."""
-    held = " (held out)"
-    return fit(title, {name if name.endswith(held) else f"{name} (fitted to)": one for name, one in fits.items()})
+    return fit(title, {name if name.endswith(HELD_OUT) else f"{name} (fitted to)": one for name, one in fits.items()})
 
 
 def free_run_choice(fit: FitTable) -> Table:

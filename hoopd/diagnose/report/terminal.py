@@ -82,6 +82,7 @@ def _fits(diagnosis: Diagnosis, console: Console) -> None:
     _sentences([fit.how_heldout, words.error_sentence(fit), words.source_sentence(fit)], console)
     _table(tables.fit(f"Fit of the data fitted to, {words.windows(fit.window_s)} (NRMSE %)", fit.train), console)
     _table(tables.free_run("One free run over the whole of each part (NRMSE %)", fit.free_run), console)
+    _sentences([words.free_run_sentence(fit)], console)
     _table(tables.free_run_choice(fit), console)
     if fit.free_run_choice is not None:
         _table(tables.fit("One free run with these (NRMSE %)", fit.free_run_choice.fits), console)
