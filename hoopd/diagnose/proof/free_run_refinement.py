@@ -11,7 +11,7 @@ named elsewhere.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ class Refined:
     free: tuple[str, ...]
     runs: list[Simulated]
     cost: float  # sum of |y - yhat|^2 / |y - mean y|^2 over channels and recordings, with what starts and prior add
-    parts: list[Part]  # of which the runs are made, with the starts that were found
+    parts: list[Part] = field(default_factory=list)  # of which the runs are made, with the starts that were found
 
 
 def refine(
