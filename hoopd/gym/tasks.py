@@ -16,6 +16,7 @@ from math import inf, pi, tau
 from types import MappingProxyType
 from typing import NamedTuple
 
+from hoopd.core.faulttable import SUSPENDABLE, SUSPENDABLE_IN_FLIGHT
 from hoopd.plants.hoop.maneuver.judgement import SETTLED_HOOP_RAD_S, SETTLED_RAD
 
 BOTTOM, LOOP, THROW = "bottom", "loop", "throw"
@@ -23,6 +24,8 @@ BOTTOM, LOOP, THROW = "bottom", "loop", "throw"
 SETTLED_S = 0.5
 # A flight that no bounce is: a ball that falls freely comes down by 12 cm, more than the hoop's radius.
 FLIGHT_S = 0.1
+# Rows that a ball raises which goes round the hoop.
+ROUND = tuple(SUSPENDABLE)
 SUCCESS_BONUS, CATCH_BONUS, FAILURE_COST = 10.0, 5.0, 10.0
 USUAL_BALL_RAD_S, USUAL_HOOP_RAD_S, TORQUE_WEIGHT = 10.0, 60.0, 0.1
 
@@ -134,8 +137,8 @@ class ThrowJudge(TryJudge):
 TASKS: Mapping[str, GymTask] = MappingProxyType(
     {
         BOTTOM: GymTask(BOTTOM, 10.0, 1.0, TryJudge),
-        LOOP: GymTask(LOOP, 6.0, 0.05, LoopJudge, suspends=("ball_runaway",)),
-        THROW: GymTask(THROW, 8.0, 0.05, ThrowJudge, suspends=("ball_runaway",)),
+        LOOP: GymTask(LOOP, 6.0, 0.05, LoopJudge, suspends=ROUND),
+        THROW: GymTask(THROW, 8.0, 0.05, ThrowJudge, suspends=(*ROUND, *sorted(SUSPENDABLE_IN_FLIGHT))),
     }
 )
 

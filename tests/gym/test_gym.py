@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import gymnasium
@@ -22,7 +23,7 @@ from hoopd.gym.rig_env import RigEnv
 from hoopd.gym.tasks import CATCH_BONUS, FLIGHT_S, TASKS, Moment, task_of
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
-from hoopd.plants.hoop.maneuver.trajectory import plan_trajectory
+from hoopd.plants.hoop.maneuver.trajectory import PlannedTrajectory, plan_trajectory
 from hoopd.plants.model_file import load_model
 
 Array = NDArray[np.float32]
@@ -141,20 +142,30 @@ def test_what_cannot_be_meant_is_one_line() -> None:
         PlantEnv().step(np.zeros(1, np.float32))
 
 
-def test_a_planned_loop_is_one() -> None:
+@cache
+def plan(kind: str) -> PlannedTrajectory:
     model = load_model(SHIPPED / "models/hoop.yaml")
-    plan = plan_trajectory(model, ManeuverQuestion("loop", MotionLimits(0.45, 40.0, 0.5, 0.6)))
-    env = PlantEnv("loop")
-    env.reset(seed=2, options={"ball_rad": 0.0})
-    for gains, state, torque in zip(plan.gains, plan.motion.states, plan.motion.inputs, strict=False):
-        off = np.array(env.plant.state) - state
-        seen, _, over, _, info = env.step(np.array([torque - gains @ off], np.float32))
-        assert not over
+    return plan_trajectory(model, ManeuverQuestion(kind, MotionLimits(0.45, 40.0, 0.5, 0.6)))
+
+
+@pytest.mark.parametrize(("kind", "over"), [("loop", "plant"), ("loop", "rig"), ("throw", "plant"), ("throw", "rig")])
+def test_what_our_planner_planned_does_the_task(kind: str, over: str) -> None:
+    """Played with its own feedback: of the state, and over the rig of what an agent is shown there."""
+    planned, env = plan(kind), hoops.make(kind, over)
+    seen, _ = env.reset(seed=2, options={"ball_rad": 0.0})
+    hoop = 0.0
+    for gains, state, torque in zip(planned.gains, planned.motion.states, planned.motion.inputs, strict=False):
+        angle = np.arctan2(seen[1], seen[2])
+        angle += 2 * np.pi * round((state[2] - angle) / (2 * np.pi))
+        off = np.array([hoop, seen[0], angle, seen[3]]) - state
+        seen, _, over_now, _, info = env.step(np.array([torque - gains @ off], np.float32))
+        assert not over_now, info
     assert seen[4] == 1.0
-    while not over:
-        seen, _, over, cut, info = env.step(held(seen))
-        assert not cut
-    assert info["success"]
+    while not over_now:
+        seen, _, over_now, cut, info = env.step(held(seen))
+        assert not cut, info
+    env.close()
+    assert info["success"], info
 
 
 def test_a_throw_needs_a_flight_and_a_catch() -> None:
