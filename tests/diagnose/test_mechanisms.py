@@ -329,5 +329,5 @@ def test_a_mechanism_has_to_be_beyond_what_the_best_of_all_reaches_by_chance(
     monkeypatch.setattr(mechanism_search, "_fitted_worth", lambda *_: 10.0)
     monkeypatch.setattr(mechanism_search, "tried_all", lambda *_: [one])
     judge: Any = SimpleNamespace(settings=Settings(), fold_loss=lambda *_: None)
-    named: Any = SimpleNamespace(final=None, grammar=None, rivals={}, refusals={})
+    named: Any = SimpleNamespace(final=None, grammar=None, rivals={}, refusals={}, trials=[])
     assert (mechanism_search._next(named, judge, []) is one) is found
