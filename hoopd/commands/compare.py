@@ -68,7 +68,7 @@ def run(options: CompareOptions, progress: Callable[[ControllerComparison], None
             speed="max",
             direct=without_pictures(options.camera),
         )
-        return on_the_rig(options.accepted, options.candidate, plan, rig, progress)
+        return on_the_rig(options.accepted, options.candidate, plan, rig, progress, by=options.by)
     if options.record is not None:
         raise InputError("--record", "", "goes with --sim: a running daemon records by itself")
     return _in_a_daemon(options, plan, progress or (lambda comparison: None))
@@ -77,7 +77,10 @@ def run(options: CompareOptions, progress: Callable[[ControllerComparison], None
 def plan_of(options: CompareOptions) -> Alternation:
     """The plan; InputError for numbers that give none."""
     from hoopd.design.alternation import Alternation
+    from hoopd.design.comparison import MEASURES
 
+    if options.by not in MEASURES:
+        raise InputError("--by", "", f"{options.by!r} is none of {', '.join(MEASURES)}")
     try:
         return Alternation(
             options.blocks, options.settle_s, options.hold_s, options.amplitude_rad, options.alpha, options.seed
@@ -107,7 +110,7 @@ def _in_a_daemon(
     from hoopd.shell.config import load
 
     accepted, held = key_of(options.accepted), held_speed(holding(options.accepted).gains)
-    comparison = ControllerComparison(plan, key_of(options.candidate), held=held)
+    comparison = ControllerComparison(plan, key_of(options.candidate), held=held, by=options.by)
     acting = ask({"command": "status"}, options.config, options.sets)["status"]["controller"]
     if acting["sha256"] != accepted.partition("@")[2] or acting["trial"]:
         raise InputError(options.accepted, "", f"{acting['file']} acts: load this one first (hoopd controller)")
@@ -141,6 +144,8 @@ def _in_a_daemon(
 
 def _shown(result: dict[str, Any]) -> dict[str, Any]:
     """What a person shall see of it."""
+    from hoopd.design.comparison import MEANINGS
+
     rows = {
         name: {
             "A": result[key]["accepted"],
@@ -149,11 +154,12 @@ def _shown(result: dict[str, Any]) -> dict[str, Any]:
             "from %": result[key]["interval_percent"][0],
             "to %": result[key]["interval_percent"][1],
         }
-        for name, key in (("cost", "cost"), ("ball, rad rms", "ball_rms_rad"))
+        for name, key in (("ball, rad rms", "ball_rms_rad"), ("cost", "cost"))
     }
     told = {
         "B is": result["verdict"],
         "why": result["reason"],
+        "by": MEANINGS[result["judged_by"]],
         "A": result["accepted"][: result["accepted"].index("@") + 13],
         "B": result["candidate"][: result["candidate"].index("@") + 13],
         "pairs": len(result["pairs"]),

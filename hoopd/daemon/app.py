@@ -201,7 +201,7 @@ async def _run(
         if not virtual:
             _serve_commands(stack, options, config, reporter, operators)
         zero_ns = (lambda: 0) if virtual else partial(wall_zero_ns, world.timer.now)
-        recorder = _recorder(stack, options, config, texts, reporter, zero_ns)
+        recorder = _recorder(stack, options, config, texts, reporter, zero_ns, "" if virtual else session)
         telemetry = (
             None
             if virtual
@@ -310,6 +310,7 @@ def _recorder(
     texts: Texts,
     reporter: log.Reporter,
     zero_ns: Callable[[], int],
+    session: str,
 ) -> RecorderSink | None:
     folder = options.record or (Path(config.recording.directory) if config.recording.directory else None)
     if folder is None:
@@ -322,6 +323,7 @@ def _recorder(
         law=texts.law,
         versions={name: _version(name) for name in ("hoopd", "numpy", "casadi")},
         seed=options.seed if options.sim else None,
+        session=session,
     )
     limits = RoomLimits(config.recording.quota_bytes, config.recording.min_free_bytes)
     recorder = Recorder(

@@ -31,16 +31,19 @@ Progress = Callable[[ControllerComparison], None]
 
 
 def run(
-    accepted: Path, candidate: Path, plan: Alternation, options: Options, progress: Progress | None = None
+    accepted: Path, candidate: Path, plan: Alternation, options: Options, progress: Progress | None = None, *, by: str
 ) -> dict[str, Any]:
-    """Both on the rig; the result of `ControllerComparison`, with the controllers' names and the recording's."""
+    """Both on the rig, judged `by` one of `design.comparison.MEASURES`.
+
+    The result of `ControllerComparison`, with the controllers' names and the recording's.
+    """
     rest = (f"control.file={accepted.resolve()}", f"control.folder={candidate.resolve().parent}")
     options = options._replace(sets=(*options.sets, *rest), duration_s=START_S + plan.longest_s)
     config = configuration.load(options.config, sim=True, overrides=list(options.sets))
     check_options(options, config)
     file, _ = holding(accepted), holding(candidate)
     held = held_speed(file.gains)
-    comparison = ControllerComparison(plan, key_of(candidate), held=held, period_s=config.loop.period_s)
+    comparison = ControllerComparison(plan, key_of(candidate), held=held, period_s=config.loop.period_s, by=by)
     turns = ComparisonGuest(comparison, progress)
     before = set(_recorded(options))
     summary = perform(options, config, read_texts(config, options.config), turns)

@@ -6,12 +6,11 @@ decision is written down, and the result is kept beside the jobs.
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 from starlette.requests import Request
@@ -23,11 +22,12 @@ from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.device import ShownDevice
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Login, LoginError, Operators
-from hoopd.dashboard.requests import address_of, read, refused, who
+from hoopd.dashboard.orders import WrittenOrders
+from hoopd.dashboard.requests import who
 from hoopd.dashboard.turns import ComparisonSupervisor
 from hoopd.dashboard.work.bench import Bench
 from hoopd.design.alternation import Alternation
-from hoopd.design.comparison import ControllerComparison, WantedCommand
+from hoopd.design.comparison import BALL, BETTER, MEANINGS, ControllerComparison, WantedCommand
 from hoopd.design.yardstick import held_speed
 from hoopd.files.controller import parse_controller
 from hoopd.files.controller_folder import parse_key
@@ -37,7 +37,6 @@ from hoopd.files.whole_files import replace_file
 # The page asks every second; a browser slows down what nobody looks at.
 ATTENTION_S = 5.0
 UNWATCHED = f"the page that began it was closed, or hidden, for {ATTENTION_S:g} s"
-Wanted = TypeVar("Wanted")
 
 
 class ComparisonOrder(msgspec.Struct, forbid_unknown_fields=True):
@@ -49,6 +48,7 @@ class ComparisonOrder(msgspec.Struct, forbid_unknown_fields=True):
     settle_s: float = 2.0
     hold_s: float = 2.0
     amplitude_rad: float = 0.1
+    by: str = BALL  # what decides, one of `MEASURES`
     seed: int = 0
 
 
@@ -56,6 +56,7 @@ class Decision(msgspec.Struct, forbid_unknown_fields=True):
     """What becomes of a candidate."""
 
     accept: bool
+    anyway: bool = False  # it was not better, and who decides was told so
 
 
 class NoContent(msgspec.Struct, forbid_unknown_fields=True):
@@ -103,6 +104,7 @@ class Comparisons:
 
     def __init__(self, feed: Feed, operators: Operators, audit: Audit, bench: Bench | None) -> None:
         self._feed, self._operators, self._audit, self._bench = feed, operators, audit, bench
+        self._orders = WrittenOrders(operators, audit)
         self._lock = threading.Lock()
         self._last: ShownComparison | None = None
 
@@ -130,15 +132,15 @@ class Comparisons:
 
     async def begin(self, request: Request) -> Response:
         """Let two controllers take turns."""
-        return await self._done(request, ComparisonOrder, self._begin)
+        return await self._orders.done(request, ComparisonOrder, self._begin)
 
     async def end(self, request: Request) -> Response:
         """Cut it short."""
-        return await self._done(request, NoContent, self._end)
+        return await self._orders.done(request, NoContent, self._end)
 
     async def decide(self, request: Request) -> Response:
         """Accept the candidate, or go back to what was accepted."""
-        return await self._done(request, Decision, self._decide)
+        return await self._orders.done(request, Decision, self._decide)
 
     def close(self) -> None:
         """End what runs, with the accepted controller back."""
@@ -146,22 +148,6 @@ class Comparisons:
         if shown is not None and shown.supervisor is not None:
             shown.comparison.stop("the page's server ends")
             shown.supervisor.join(1.0)
-
-    async def _done(
-        self, request: Request, kind: type[Wanted], change: Callable[[Login, str, Wanted], dict[str, Any]]
-    ) -> Response:
-        try:
-            login = who(request, self._operators)
-            wanted = await read(request, kind)
-        except LoginError as error:
-            return refused(error)
-        address = address_of(request)
-        try:
-            told = await asyncio.to_thread(change, login, address, wanted)
-        except InputError as error:
-            return JSONResponse({"ok": False, "reason": str(error)}, 400)
-        await asyncio.to_thread(self._audit.note, login.user, address, {**told, "ok": True})
-        return JSONResponse({"ok": True, **told})
 
     # ---- what is done
 
@@ -172,22 +158,15 @@ class Comparisons:
         accepted = accepted_by(device)
         if parse_key(order.key).sha256 == parse_key(accepted).sha256:
             raise InputError("compare", "", "this controller acts already: choose another one")
+        held = self._held(accepted)
         try:
             plan = Alternation(
                 order.blocks, order.settle_s, order.hold_s, order.amplitude_rad, seed=order.seed & 0xFFFF
             )
+            comparison = ControllerComparison(plan, order.key, held=held, by=order.by)
         except ValueError as error:
             raise InputError("compare", "", str(error)) from None
-        held = self._held(accepted)
-        shown = ShownComparison(
-            login,
-            address,
-            device,
-            accepted,
-            ControllerComparison(plan, order.key, held=held),
-            held is not None,
-            time.time(),
-        )
+        shown = ShownComparison(login, address, device, accepted, comparison, held is not None, time.time())
         shown.supervisor = ComparisonSupervisor(shown.comparison, device, self._sending(shown), self._attending(shown))
         with self._lock:
             if self._last is not None and self._last.running:
@@ -208,11 +187,15 @@ class Comparisons:
         shown = self._last
         if shown is None or shown.running:
             raise InputError("compare", "", "there is nothing to decide" if shown is None else "it goes on")
+        if decision.accept and not decision.anyway and shown.comparison.verdict != BETTER:
+            by = MEANINGS[shown.comparison.by]
+            raise InputError("compare", "", f"by {by} it is not better ({shown.comparison.verdict}): confirm it")
         key = shown.comparison.key if decision.accept else shown.accepted
         # what a device told may be from before the last decision, which would then stand
         if shown.decided or _acting(shown.device) != key:
             self._operators.command(login, shown.device.endpoint, shown.device.name, CONTROLLER, None, key)
-        shown.decided = f"{'accepted' if decision.accept else 'rolled back'} by {login.user}"
+        anyway = f", though it was {shown.comparison.verdict}" if decision.accept and decision.anyway else ""
+        shown.decided = f"{'accepted' if decision.accept else 'rolled back'} by {login.user}{anyway}"
         self._keep(shown)
         return {
             "command": "candidate accepted" if decision.accept else "rolled back",

@@ -7,7 +7,6 @@ recording, which is never changed.
 
 from __future__ import annotations
 
-import asyncio
 import math
 import subprocess
 import sys
@@ -29,18 +28,19 @@ from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.comparisons import accepted_by
 from hoopd.dashboard.device import Seen, ShownDevice
 from hoopd.dashboard.feed import Feed
-from hoopd.dashboard.operators import Login, LoginError, Operators
-from hoopd.dashboard.requests import address_of, read, refused, who
+from hoopd.dashboard.operators import Login, Operators
+from hoopd.dashboard.orders import WrittenOrders
 from hoopd.dashboard.work.background import background
 from hoopd.dashboard.work.bench import Bench
 from hoopd.dashboard.work.controllers import SIGNAL
+from hoopd.dashboard.work.recordings import Recordings
 from hoopd.files.controller_folder import parse_key
 from hoopd.files.reading import InputError, read_text
+from hoopd.recording.mcap import read_run
 
-MAKE_S, CUT_S = 30.0, 60.0
+MAKE_S, CUT_S = 60.0, 60.0
 LOOK_S = 0.1
 MARGIN_S = 0.5  # of the recording, before and after the signal
-FRESH_S = 30.0  # a recording that grows was written to so lately
 LOST_S = 20.0  # after its longest a signal of whose end nothing was heard is over: telemetry may drop an event
 FLUSH_S = 1.0  # the recorder closes its chunks every quarter of a second
 NO_FOLDER = "this server was started without --controllers: it cannot hand a signal to the daemon"
@@ -88,6 +88,7 @@ class Experiments:
 
     def __init__(self, feed: Feed, operators: Operators, audit: Audit, bench: Bench | None) -> None:
         self._feed, self._operators, self._audit, self._bench = feed, operators, audit, bench
+        self._orders = WrittenOrders(operators, audit)
         self._lock = threading.Lock()
         self._told: dict[str, Any] | None = None  # the last one
 
@@ -104,18 +105,7 @@ class Experiments:
 
     async def begin(self, request: Request) -> Response:
         """Make a signal and let the daemon play it."""
-        try:
-            login = who(request, self._operators)
-            order = await read(request, SignalOrder)
-        except LoginError as error:
-            return refused(error)
-        address = address_of(request)
-        try:
-            told = await asyncio.to_thread(self._begin, login, address, order)
-        except InputError as error:
-            return JSONResponse({"ok": False, "reason": str(error)}, 400)
-        await asyncio.to_thread(self._audit.note, login.user, address, {**told, "ok": True})
-        return JSONResponse({"ok": True, **told})
+        return await self._orders.done(request, SignalOrder, self._begin)
 
     def _begin(self, login: Login, address: str, order: SignalOrder) -> dict[str, Any]:
         device, numbers = self._feed.devices.get(order.device), words_of_signal(order)
@@ -125,13 +115,12 @@ class Experiments:
             raise InputError("experiment", "", NO_FOLDER)
         controllers, accepted = self._bench.controllers, accepted_by(device)
         controllers.text(accepted)  # it lies there, and is the one that acts
-        self._operators.seen(login)
         with self._lock:
             if self._told is not None and self._told["state"] in ("making", "playing"):
                 raise InputError("experiment", "", "another signal is being played")
             self._told = {"kind": order.kind, "state": "making", "device": device.identity, "recording": "", "why": ""}
         try:
-            key = self._made(order.kind, numbers, controllers.folder / parse_key(accepted).name)
+            key = self._made(device, order.kind, numbers, controllers.folder / parse_key(accepted).name)
             seen = Seen(row=device.history.count)
             device.news(seen, 0)  # what was before is no news
             try:
@@ -146,12 +135,14 @@ class Experiments:
         threading.Thread(target=self._follow, args=(login.user, address, device, seen, began), daemon=True).start()
         return {"command": f"experiment {order.kind}", "device": device.identity, "key": " ".join(numbers)}
 
-    def _made(self, kind: str, numbers: list[str], around: Path) -> str:
-        """NAME.yaml@SHA256 of a signal in the daemon's folder."""
+    def _made(self, device: ShownDevice, kind: str, numbers: list[str], around: Path) -> str:
+        """NAME.yaml@SHA256 of a signal in the daemon's folder, planned with the device's own configuration."""
         assert self._bench is not None and self._bench.controllers is not None
+        configured = self._feed.connection_of(device).configuration(device.name)
         with tempfile.TemporaryDirectory(prefix="hoopd-signal-") as folder:
-            path = Path(folder) / "signal.yaml"
-            words = ["experiment", kind, *numbers, f"--around={around}", f"--signal-out={path}"]
+            path, config = Path(folder) / "signal.yaml", Path(folder) / "device.yaml"
+            config.write_text(configured, encoding="utf-8")
+            words = ["experiment", kind, *numbers, f"--around={around}", f"--signal-out={path}", f"--config={config}"]
             _ran(words, MAKE_S, str(around.parent))
             return self._bench.controllers.add(f"{SIGNAL}{kind}-{time.time_ns()}.yaml", read_text(path))
 
@@ -159,7 +150,7 @@ class Experiments:
         """Until it is over, which is written down; then its recording."""
         ended, why = self._ended(device, seen)
         try:
-            recording = self._cut(began, ended) if math.isfinite(began) and math.isfinite(ended) else ""
+            recording = self._cut(device, began, ended) if math.isfinite(began) and math.isfinite(ended) else ""
         except InputError as error:
             recording, why = "", f"{why}; no recording: {error}"
         self._tell(state="over", why=why, recording=recording)
@@ -179,17 +170,13 @@ class Experiments:
             time.sleep(LOOK_S)
         return math.nan, "the daemon is gone"
 
-    def _cut(self, began: float, ended: float) -> str:
+    def _cut(self, device: ShownDevice, began: float, ended: float) -> str:
         """The signal's own recording out of the one that the daemon writes; its name."""
         assert self._bench is not None and self._told is not None
         time.sleep(MARGIN_S + FLUSH_S)
-        listed = [one for one in self._bench.recordings.listed() if one.name.startswith("run-")]
-        fresh = next((one for one in listed if time.time() - one.changed < FRESH_S), None)
-        if fresh is None:
-            raise InputError("experiment", "", "the daemon does not record into the page's folder (--record)")
-        folder = self._bench.recordings.folder
+        folder, whole = self._bench.recordings.folder, recording_of(device, self._bench.recordings)
         stem = f"{self._told['kind']}-{time.strftime('%Y%m%d-%H%M%S')}"
-        words = ["convert", str(folder / fresh.name), str(folder / f"{stem}.mcap")]
+        words = ["convert", str(whole), str(folder / f"{stem}.mcap")]
         span = (f"--from={began - MARGIN_S:.3f}", f"--to={ended + MARGIN_S:.3f}")
         _ran([*words, *span], CUT_S, str(folder))
         return f"{stem}.mcap"
@@ -197,6 +184,25 @@ class Experiments:
     def _tell(self, **changes: Any) -> None:
         with self._lock:
             self._told = {**(self._told or {}), **changes}
+
+
+def recording_of(device: ShownDevice, recordings: Recordings) -> Path:
+    """The file that a device tells that it writes; InputError when the page's folder does not hold that very one.
+
+    Another daemon's may have the same name: a recording tells of which run it is.
+    """
+    told = device.status.get("recorder")
+    name = told.get("file") if isinstance(told, dict) else ""
+    if not isinstance(name, str) or not name:
+        raise InputError("experiment", "", "the daemon records nothing (--record)")
+    elsewhere = InputError("experiment", name[:60], "the daemon records into another folder than the page's")
+    try:
+        path = recordings.path(name)
+    except InputError:
+        raise elsewhere from None
+    if read_run(path, ()).header.session != device.run:
+        raise elsewhere
+    return path
 
 
 def words_of_signal(order: SignalOrder) -> list[str]:
@@ -219,7 +225,7 @@ def words_of_signal(order: SignalOrder) -> list[str]:
 
 def _ran(words: list[str], patience_s: float, folder: str) -> None:
     """A command of ours; InputError with its own line when it failed."""
-    command = [*background(), sys.executable, "-m", "hoopd", *words]
+    command = [*background(waited_for=True), sys.executable, "-m", "hoopd", *words]
     try:
         done = subprocess.run(
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=patience_s, check=False, text=True

@@ -16,7 +16,7 @@ import zenoh
 
 from hoopd.dashboard.device import ShownDevice
 from hoopd.shell.operator import CommandError
-from hoopd.shell.remote import ask, send
+from hoopd.shell.remote import ask, configuration, send
 from hoopd.shell.session import connecting, reason
 
 RING = 500  # messages: ten seconds of ticks
@@ -61,6 +61,12 @@ class Connection:
         if session is not None and session.info.transports():
             return ask(session, name, value, self.endpoint, device, COMMAND_S, key=key)
         return send(name, value, self.endpoint, device, COMMAND_S, key=key, extras=self.extras)
+
+    def configuration(self, device: str) -> str:
+        """A daemon's configuration as it tells it, without secrets; CommandError when none answers."""
+        if self._session is None:
+            raise CommandError(f"configuration: {self.trouble}")
+        return configuration(self._session, self.endpoint, device, COMMAND_S)
 
     @property
     def session(self) -> zenoh.Session | None:

@@ -38,6 +38,13 @@ LEAST_SHARE = 0.9  # of a block's ticks: fewer, and the pair does not count
 BETTER, WORSE, OPEN, RETURNED, STOPPED = ("better", "worse", "not told apart", "went back", "stopped")
 
 
+# What decides, chosen before the run: the ball's error (root mean square), or the cost by the weights of the design.
+BALL, COST = MEASURES = ("ball", "cost")
+# Its place in a result, and what it is called.
+RESULTS = {BALL: "ball_rms_rad", COST: "cost"}
+MEANINGS = {BALL: "the ball's error", COST: "the cost of the design"}
+
+
 class WantedCommand(NamedTuple):
     """What the daemon is to be told."""
 
@@ -67,9 +74,13 @@ class ControllerComparison:
         weights: Weights | None = None,
         held: HeldSpeed | None = None,
         period_s: float = 0.02,
+        by: str = BALL,
     ) -> None:
-        """`key`: NAME.yaml@SHA256 of the candidate; `held`: how the hoop has to turn for a reference, if known."""
-        self.plan, self.key, self.pairs = plan, key, list[BlockPair]()
+        """`key`: NAME.yaml@SHA256 of the candidate; `held`: how the hoop has to turn for a reference, if known; `by`:
+        what decides, one of `MEASURES`, else ValueError."""
+        if by not in MEASURES:
+            raise ValueError(f"a comparison is judged by {' or '.join(MEASURES)}, not {by!r}")
+        self.plan, self.key, self.pairs, self.by = plan, key, list[BlockPair](), by
         self.verdict = self.reason = ""  # empty while it goes on
         self.lost = 0  # pairs of which too few ticks came
         self._sha256 = key.partition("@")[2]
@@ -212,11 +223,14 @@ class ControllerComparison:
         first, second = self._blocks[self._place - 2 : self._place]
         a, b = self._done["A"], self._done["B"]
         least = LEAST_SHARE * self.plan.counted_s / self._period_s
-        if min(a.ticks, b.ticks) >= least and min(a.pictures, b.pictures, a.cost, b.cost) > 0:
+        if (
+            min(a.ticks, b.ticks) >= least
+            and min(a.pictures, b.pictures, a.cost, b.cost, a.ball_rms_rad, b.ball_rms_rad) > 0
+        ):
             self.pairs.append(BlockPair(first.law + second.law, first.references, a, b))
         else:
             self.lost += 1
-        ratios = self.ratios
+        ratios = self.ratios(self.by)
         if len(ratios) >= LEAST_PAIRS and evidence(ratios) >= 1.0 / self.plan.alpha:
             self._end(BETTER if sum(ratios) < 0.0 else WORSE, f"clear after {len(ratios)} pairs")
         elif self._place >= len(self._blocks):
@@ -273,32 +287,32 @@ class ControllerComparison:
 
     # ------------------------------------------------------------------------------------------ what it showed
 
-    @property
-    def ratios(self) -> list[float]:
-        """Logarithm of the candidate's cost over the accepted law's, pair by pair."""
-        return [log(pair.b.cost / pair.a.cost) for pair in self.pairs]
+    def ratios(self, measure: str) -> list[float]:
+        """Logarithm of the candidate's figure over the accepted law's, pair by pair."""
+        return [log(b / a) for a, b in self._figures(measure)]
+
+    def _figures(self, measure: str) -> list[tuple[float, float]]:
+        if measure == COST:
+            return [(pair.a.cost, pair.b.cost) for pair in self.pairs]
+        return [(pair.a.ball_rms_rad, pair.b.ball_rms_rad) for pair in self.pairs]
 
     def result(self) -> dict[str, Any]:
         """What it showed so far, as plain data."""
-        angles = [log(pair.b.ball_rms_rad / pair.a.ball_rms_rad) for pair in self.pairs]
         return {
             "verdict": self.verdict,
             "reason": self.reason,
+            "judged_by": self.by,
             "candidate": self.key,
             "pairs": [_told(pair) for pair in self.pairs],
             "lost_pairs": self.lost,
-            "cost": {
-                **self._change(self.ratios, [(pair.a.cost, pair.b.cost) for pair in self.pairs]),
-                "evidence": evidence(self.ratios),
-                "evidence_needed": 1.0 / self.plan.alpha,
-            },
-            "ball_rms_rad": self._change(angles, [(pair.a.ball_rms_rad, pair.b.ball_rms_rad) for pair in self.pairs]),
+            **{RESULTS[one]: self._change(one) for one in MEASURES},
             "alpha": self.plan.alpha,
             "seed": self.plan.seed,
         }
 
-    def _change(self, ratios: list[float], values: list[tuple[float, float]]) -> dict[str, Any]:
-        """Means of both, the change in percent with its interval, and the interval after each pair."""
+    def _change(self, measure: str) -> dict[str, Any]:
+        """Means of both, the change in percent with its interval, the evidence, and the interval after each pair."""
+        ratios, values = self.ratios(measure), self._figures(measure)
         n = len(ratios)
         low, high = interval(ratios, self.plan.alpha)
         ends = [interval(ratios[:k], self.plan.alpha) for k in range(1, n + 1)]
@@ -308,6 +322,8 @@ class ControllerComparison:
             "change_percent": _percent(sum(ratios) / n) if n else None,
             "interval_percent": [_percent(low), _percent(high)],
             "intervals_percent": [[_percent(one), _percent(other)] for one, other in ends],
+            "evidence": evidence(ratios),
+            "evidence_needed": 1.0 / self.plan.alpha,
         }
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import msgspec
 import numpy as np
 
 from hoopd.diagnose.camera_faults import camera_faults
@@ -49,7 +50,15 @@ from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
 from hoopd.diagnose.proof.written_parameters import Written, written_parameters
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.unusual_intervals import Interval
-from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, FitTable, FreeRunChoice, RecordingQuality
+from hoopd.diagnose.record import (
+    SCHEMA,
+    DataQuality,
+    Diagnosis,
+    FitTable,
+    FreeRunChoice,
+    NextExperiment,
+    RecordingQuality,
+)
 from hoopd.diagnose.record_file import rounded
 from hoopd.diagnose.report.curve_pictures import shown_of
 from hoopd.diagnose.report_curves import Shown
@@ -192,7 +201,7 @@ def _diagnosed(case: Case) -> Outcome:
         effects=effects,
         fit=table,
         unexplained=unexplained_of(unknown, stand),
-        next_experiment=next_experiment(named, apart, library, case.seed),
+        next_experiment=_played_where_recorded(next_experiment(named, apart, library, case.seed), case),
         data_quality=quality_of(
             [*case.train, *case.heldout],
             [*data.ignored, *data_held.ignored],
@@ -214,6 +223,13 @@ def _diagnosed(case: Case) -> Outcome:
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
     return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress)
+
+
+def _played_where_recorded(planned: NextExperiment | None, case: Case) -> NextExperiment | None:
+    """What was recorded on the simulated rig is recorded there again: the printed line says so."""
+    if planned is None or not planned.command or not all(one.recording.rig for one in case.train):
+        return planned
+    return msgspec.structs.replace(planned, command=f"{planned.command} --sim")
 
 
 def _mechanisms(case: Case, data: CountedData) -> list[Mechanism]:

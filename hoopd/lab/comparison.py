@@ -14,6 +14,7 @@ from typing import Any
 
 from hoopd.commands.options.compare import CompareOptions
 from hoopd.commands.options.declaration import from_python, words_of
+from hoopd.design.comparison import RESULTS
 from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model
 from hoopd.lab.pictures import Picture
@@ -37,13 +38,13 @@ class ComparedControllers:
 
     @property
     def change(self) -> float | None:
-        """Of the cost, in percent; negative is better."""
-        return self.result["cost"]["change_percent"]  # type: ignore[no-any-return]
+        """Of what decides, in percent; negative is better."""
+        return self.result[RESULTS[self.result["judged_by"]]]["change_percent"]  # type: ignore[no-any-return]
 
     @property
     def interval(self) -> tuple[float | None, float | None]:
-        """Where the change of the cost lies, in percent, whenever the run ended; None: no bound yet."""
-        low, high = self.result["cost"]["interval_percent"]
+        """Where the change of what decides lies, in percent, whenever the run ended; None: no bound yet."""
+        low, high = self.result[RESULTS[self.result["judged_by"]]]["interval_percent"]
         return low, high
 
     def plot(self) -> Picture:
@@ -60,6 +61,7 @@ def compare(
     settle: float | None = None,
     hold: float | None = None,
     amplitude: float | None = None,
+    by: str | None = None,
     alpha: float | None = None,
     seed: int | None = None,
     folder: Path | str | None = None,
@@ -79,6 +81,8 @@ def compare(
         s of each block that do not count, and of each of its four references; 2.
     amplitude : float, optional
         Angle in rad of the references; 0.1.
+    by : str, optional
+        What decides: "ball", its error, or "cost", of the design, which charges torque; "ball".
     alpha : float, optional
         How often two equal laws may be called different; 0.05.
     seed : int, optional
@@ -91,7 +95,7 @@ def compare(
     Returns
     -------
     ComparedControllers
-        The `verdict`, the `change` of the cost in percent and its `interval`.
+        The `verdict`, the `change` of what decides in percent and its `interval`.
 
     Raises
     ------
@@ -108,7 +112,7 @@ def compare(
         files = [_file(law, Path(place), name) for law, name in ((accepted, "accepted"), (candidate, "candidate"))]
         asked = from_python(
             CompareOptions, accepted=files[0], candidate=files[1], blocks=blocks, settle=settle, hold=hold,
-            amplitude=amplitude, alpha=alpha, seed=seed, folder=None if folder is None else Path(folder),
+            amplitude=amplitude, by=by, alpha=alpha, seed=seed, folder=None if folder is None else Path(folder),
         )  # fmt: skip
         told = Path(place) / "told.json"
         changes = [part for name, value in sets.items() for part in ("--set", f"{name.replace('__', '.')}={value}")]

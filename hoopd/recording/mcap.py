@@ -48,6 +48,7 @@ class Header(msgspec.Struct, frozen=True):
     law: str = ""  # text of a user's own law
     part: int = 0  # above 0: goes on from the file before (after a fault of the disk, or a full one)
     converted: str = ""  # name of the file that this one was made from; empty: recorded by the daemon
+    session: str = ""  # name of the run, as its telemetry tells it; empty of one in lock-step
 
 
 class RecordedRun(NamedTuple):
@@ -138,12 +139,15 @@ def header_texts(header: Header) -> dict[str, str]:
     config = without_secrets(header.config)
     versions = msgspec.json.encode(header.versions, order="sorted").decode()
     seed = "" if header.seed is None else str(header.seed)
-    converted = {"converted": header.converted} if header.converted else {}
-    return {**texts, "config": config, "versions": versions, "seed": seed, "part": str(header.part), **converted}
+    more = {name: value for name in ("converted", "session") if (value := getattr(header, name))}
+    return {**texts, "config": config, "versions": versions, "seed": seed, "part": str(header.part), **more}
+
+
+_TEXTS = ("device", "config", "model", "controller", "law", "converted", "session")
 
 
 def header_of(texts: dict[str, str]) -> Header:
-    plain = {name: texts.get(name, "") for name in ("device", "config", "model", "controller", "law", "converted")}
+    plain = {name: texts.get(name, "") for name in _TEXTS}
     versions = texts.get("versions") or "{}"
     return Header(
         **plain,
@@ -197,7 +201,8 @@ def read(path: Path) -> Recording:
             name: np.array(values)
             for name, values in zip(TickRecord._fields, zip(*run.ticks, strict=True), strict=True)
         }
-        return from_columns(columns, source=path.name, config=run.header.config, lost=run.lost)
+        rig = run.header.seed is not None
+        return from_columns(columns, source=path.name, config=run.header.config, lost=run.lost, rig=rig)
     except (ValueError, OverflowError) as error:  # rows that no daemon wrote
         raise InputError(path, "tick", str(error)) from None
 

@@ -63,6 +63,7 @@ class Recording:
     config: str = ""  # configuration text (YAML), empty when the source has none
     extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)  # other columns of the rows by name
     lost: str = ""  # what a damaged file lost, empty when whole
+    rig: bool = False  # recorded by a daemon on the simulated rig
 
     def __init__(
         self,
@@ -73,6 +74,7 @@ class Recording:
         config: str = "",
         extra: Mapping[str, ArrayLike] | None = None,
         lost: str = "",
+        rig: bool = False,
         **columns: ArrayLike,
     ) -> None:
         """Signals by name, changed in `columns`; without signals those of the daemon's tick.
@@ -92,6 +94,7 @@ class Recording:
             "source": source,
             "config": config,
             "lost": lost,
+            "rig": rig,
         }
         _refuse_double([*inputs, *channels])
         for name, value in values.items():
@@ -151,12 +154,14 @@ class Recording:
         return dataclasses.replace(self, **changes)
 
 
-def from_columns(columns: Mapping[str, Any], source: str = "", config: str = "", lost: str = "") -> Recording:
+def from_columns(
+    columns: Mapping[str, Any], source: str = "", config: str = "", lost: str = "", *, rig: bool = False
+) -> Recording:
     """A tick's recording from named columns: missing signals become NaN, missing times become t, others `extra`."""
     t = np.asarray(columns["t"], dtype=np.float64)
     known = {name: columns[name] for name in UNITS if name in columns and name != "t"}
     extra = {name: np.asarray(value) for name, value in columns.items() if name not in UNITS}
-    return Recording(t, source=source, config=config, extra=extra, lost=lost, **known)
+    return Recording(t, source=source, config=config, extra=extra, lost=lost, rig=rig, **known)
 
 
 def from_signals(

@@ -101,12 +101,14 @@ def named(data: NDArray[np.float64], names: Sequence[str], path: object, key: st
     return {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
 
 
-def recording_of(columns: Mapping[str, Any], path: Path, place: Place = row, **about: str) -> Recording:
+def recording_of(
+    columns: Mapping[str, Any], path: Path, place: Place = row, *, config: str = "", lost: str = ""
+) -> Recording:
     """Recording of checked columns; InputError names row and column of the first impossible number."""
     if not len(columns["t"]):
         raise InputError(path, "", "holds no rows")
     try:
-        recording = from_columns(columns, source=Path(path).name, **about)
+        recording = from_columns(columns, source=Path(path).name, config=config, lost=lost)
     except ValueError as error:
         raise InputError(path, "", str(error)) from None
     return checked(recording, path, place)

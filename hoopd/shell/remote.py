@@ -53,6 +53,15 @@ def ask(
     return _answer(command, list(replies), endpoint, device)
 
 
+def configuration(session: zenoh.Session, endpoint: str, device: str, timeout_s: float) -> str:
+    """A daemon's configuration as it tells it, without secrets; CommandError when none answers."""
+    replies = session.get(device_key(device, "config"), timeout=timeout_s)
+    text = _answer("config", list(replies), endpoint, device).get("config")
+    if not isinstance(text, str):
+        raise CommandError("config: not the answer of a daemon")
+    return text
+
+
 @contextmanager
 def _session(endpoint: str, extras: Mapping[str, Any], timeout_s: float) -> Iterator[zenoh.Session]:
     try:

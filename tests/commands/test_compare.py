@@ -57,7 +57,7 @@ def test_the_same_law_is_not_told_from_itself(tmp_path: Path) -> None:
 def test_the_same_law_is_not_told_from_itself_with_any_of_20_seeds(seed: int, tmp_path: Path) -> None:
     """More than four of twenty would come to pass once in four hundred such tests, were it five percent of them."""
     _, told = compared(tmp_path, changed(tmp_path, "same.yaml"), "--seed", str(seed), blocks=20)
-    assert told["verdict"] == "not told apart" or abs(told["cost"]["change_percent"]) < 0.5
+    assert told["verdict"] == "not told apart" or abs(told["ball_rms_rad"]["change_percent"]) < 0.5
 
 
 def test_a_law_that_loses_the_ball_goes_back_in_the_tick_and_the_answer_is_no(tmp_path: Path) -> None:

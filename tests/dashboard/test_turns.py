@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -17,13 +18,15 @@ from hoopd.dashboard import experiments
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.comparisons import Comparisons, Decision, ShownComparison, accepted_by
 from hoopd.dashboard.device import Seen, ShownDevice
-from hoopd.dashboard.experiments import SIGNALS, Experiments, SignalOrder, words_of_signal
+from hoopd.dashboard.experiments import SIGNALS, Experiments, SignalOrder, recording_of, words_of_signal
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Login, Operators
 from hoopd.dashboard.turns import ComparisonSupervisor
+from hoopd.dashboard.work.recordings import Recordings
 from hoopd.design.alternation import Alternation
 from hoopd.design.comparison import STOPPED, ControllerComparison, WantedCommand
 from hoopd.files.reading import InputError
+from hoopd.recording.mcap import Header, Writer
 from hoopd.shell.operator import CommandError
 
 KEY = "other.yaml@" + "ab" * 32
@@ -147,9 +150,36 @@ def test_a_decision_that_is_taken_back_at_once_reaches_the_daemon(monkeypatch: p
     comparisons = Comparisons(Feed([], {}), operators, Audit(), None)
     over = ControllerComparison(Alternation(), KEY)
     comparisons._last = ShownComparison(login, "", device, accepted_by(device), over, False, 0.0)
+    with pytest.raises(InputError, match="not better"):
+        comparisons._decide(login, "", Decision(True))
+    assert sent == []
     for accept in (True, False):
-        comparisons._decide(login, "", Decision(accept))
+        comparisons._decide(login, "", Decision(accept, anyway=accept))
     assert sent == [KEY, accepted_by(device)]
+
+
+def recorded(folder: Path, session: str) -> None:
+    """A recording's beginning, as a daemon writes it."""
+    with (folder / "run-0001.mcap").open("wb") as file:
+        writer = Writer(file, Header(session=session), sync=False)
+        writer.finish()
+
+
+def test_the_recording_is_the_one_that_the_device_tells_and_no_other_of_its_name(tmp_path: Path) -> None:
+    device, (here, results) = ShownDevice("hoop", "tcp/127.0.0.1:1"), (tmp_path / "rec", tmp_path / "results")
+    for folder in (here, results):
+        folder.mkdir()
+    recordings = Recordings(here, results)
+    for status, why in (({}, "records nothing"), ({"recorder": {"file": "run-0001.mcap"}}, "another folder")):
+        device.take("status", json.dumps(status).encode(), "this run")
+        with pytest.raises(InputError, match=why):
+            recording_of(device, recordings)
+    recorded(here, "another run")  # another daemon's, newer than all
+    with pytest.raises(InputError, match="another folder"):
+        recording_of(device, recordings)
+    recorded(here, "this run")
+    assert recording_of(device, recordings) == here / "run-0001.mcap"
+    recordings.close()
 
 
 def test_a_signal_of_whose_end_nothing_is_heard_is_over_in_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -303,7 +303,7 @@ def test_the_servers_end_does_not_wait_for_a_plot(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "hoopd.dashboard.work.plots.background", lambda: (sys.executable, "-c", "import time; time.sleep(60)")
+        "hoopd.dashboard.work.plots.background", lambda **_: (sys.executable, "-c", "import time; time.sleep(60)")
     )
     bench = Bench(folder, tmp_path / "results")
     with ThreadPoolExecutor(1) as threads:

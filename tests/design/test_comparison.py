@@ -12,7 +12,17 @@ import pytest
 
 from hoopd.core.succession import ALIVE, REVERT, REVERTED, TRIAL
 from hoopd.design.alternation import Alternation, blocks_of
-from hoopd.design.comparison import BETTER, OPEN, RETURNED, STOPPED, WORSE, ControllerComparison, WantedCommand
+from hoopd.design.comparison import (
+    BALL,
+    BETTER,
+    COST,
+    OPEN,
+    RETURNED,
+    STOPPED,
+    WORSE,
+    ControllerComparison,
+    WantedCommand,
+)
 from hoopd.design.yardstick import HeldSpeed, TickSample, Yardstick, held_speed
 
 TICK_S = 0.02
@@ -26,6 +36,7 @@ class Daemon:
 
     comparison: ControllerComparison
     off: dict[str, float] = field(default_factory=lambda: {"A": 0.02, "B": 0.02})
+    torque: dict[str, float] = field(default_factory=lambda: {"A": 0.0, "B": 0.0})
     scatter: float = 0.0
     wait_s: float = 0.5  # until a candidate acts
     t: float = 0.0
@@ -42,7 +53,8 @@ class Daemon:
             self.due, self.law = nan, "B"
             self.comparison.note("controller", OURS)
         off = self.off[self.law] * (1.0 + self.scatter * self.rng.standard_normal())
-        sample = TickSample(self.t, self.running, 0.0, 0.0, self.reference + off, self.t, self.reference)
+        u, angle = self.torque[self.law], self.reference + off
+        sample = TickSample(self.t, self.running, u, 0.0, angle, self.t, self.reference)
         for order in self.comparison.put(sample):
             self.sent.append((self.t, order))
             if order.name == "reference":
@@ -60,8 +72,8 @@ class Daemon:
         self.tick()
 
 
-def begun(blocks: int = 8, **settings: Any) -> Daemon:
-    return Daemon(ControllerComparison(Alternation(blocks=blocks, seed=1), KEY), **settings)
+def begun(blocks: int = 8, by: str = BALL, **settings: Any) -> Daemon:
+    return Daemon(ControllerComparison(Alternation(blocks=blocks, seed=1), KEY, by=by), **settings)
 
 
 def until_tried(rig: Daemon) -> Daemon:
@@ -79,7 +91,22 @@ def test_a_clear_difference_ends_it_early_with_the_accepted_law_back(b: float, v
     assert (rig.law, rig.reference) == ("A", 0.0)
     low, high = told["ball_rms_rad"]["interval_percent"]
     assert low < 100 * (b / 0.02 - 1) < high
-    assert told["cost"]["evidence"] >= told["cost"]["evidence_needed"] == 20.0
+    assert told["ball_rms_rad"]["evidence"] >= told["ball_rms_rad"]["evidence_needed"] == 20.0
+
+
+@pytest.mark.parametrize(("by", "verdict"), [(BALL, BETTER), (COST, WORSE)])
+def test_what_better_means_is_chosen_before_the_run_and_told_with_it(by: str, verdict: str) -> None:
+    """A law that holds the ball better for more torque."""
+    rig = begun(20, by, off={"A": 0.02, "B": 0.015}, torque={"A": 0.0, "B": 0.02}, scatter=0.1)
+    rig.run()
+    told = rig.comparison.result()
+    assert (told["verdict"], told["judged_by"]) == (verdict, by)
+    assert told["ball_rms_rad"]["change_percent"] < 0.0 < told["cost"]["change_percent"]
+
+
+def test_a_comparison_by_something_else_is_refused() -> None:
+    with pytest.raises(ValueError, match="ball or cost"):
+        begun(by="beauty")
 
 
 def test_equal_laws_take_all_blocks_and_are_not_told_apart() -> None:

@@ -72,6 +72,17 @@ def write(path: Path, count: int = 200) -> bytes:
     return path.read_bytes()
 
 
+def test_a_recording_tells_whether_it_is_the_rig_s_and_of_which_run(tmp_path: Path) -> None:
+    for name, header in (("rig", HEADER), ("device", mcap.Header("hoop", "a: 1\n", "model", session="0123abcd"))):
+        path = tmp_path / f"{name}.mcap"
+        with path.open("wb") as file:
+            writer = mcap.Writer(file, header)
+            writer.add(tick(1), inputs(1))
+            writer.finish()
+        assert mcap.read(path).rig == (name == "rig")
+        assert mcap.read_run(path, ()).header.session == header.session
+
+
 def test_inputs_of_before_the_pictures_had_checksums_are_read() -> None:
     row = inputs(1)
     old = json.loads(rows.encode_input(row))

@@ -26,6 +26,9 @@ class CompareOptions:
     settle_s: float = option("--settle", text="Seconds of each block that do not count.", default=2.0)
     hold_s: float = option("--hold", text="Seconds of each of a block's four references.", default=2.0)
     amplitude_rad: float = option("--amplitude", text="Ball angle in rad of the references.", default=0.1)
+    by: str = option(
+        "--by", text="What decides: ball (its error), or cost (of the design: torque is charged).", default="ball"
+    )
     alpha: float = option("--alpha", text="How often two equal controllers may be called different.", default=0.05)
     seed: int = option("--seed", min=0, text="Seed of the order, and of the rig.", default=0)
     record: Path | None = option("--record", text="Existing folder for the recording (--sim).", python="folder")

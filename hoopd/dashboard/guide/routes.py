@@ -21,8 +21,8 @@ from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.guards import RESULT_HEADERS
 from hoopd.dashboard.guide.guide import Guide
 from hoopd.dashboard.guide.motion import SETTLE_S, now_s
-from hoopd.dashboard.operators import Login, LoginError, Operators
-from hoopd.dashboard.requests import address_of, read, refused, who
+from hoopd.dashboard.operators import Login, Operators
+from hoopd.dashboard.orders import WrittenOrders
 from hoopd.files.calibration_signal import SECONDS
 from hoopd.files.reading import InputError
 
@@ -59,7 +59,8 @@ class GuideRoutes:
     """Routes over a guide."""
 
     def __init__(self, guide: Guide, feed: Feed, operators: Operators, audit: Audit) -> None:
-        self._guide, self._feed, self._operators, self._audit = guide, feed, operators, audit
+        self._guide, self._feed, self._operators = guide, feed, operators
+        self._orders = WrittenOrders(operators, audit)
         self._finishing: set[asyncio.Task[None]] = set()
 
     @property
@@ -161,23 +162,12 @@ class GuideRoutes:
     async def _changed(
         self, request: Request, kind: type[Wanted], change: Callable[[ShownDevice, Wanted, Login], dict[str, Any]]
     ) -> Response:
-        """Let somebody who is logged in do something, and write it down."""
-        try:
-            login = who(request, self._operators)
-            wanted = await read(request, kind)
-        except LoginError as error:
-            return refused(error)
-        self._operators.seen(login)
-        device = self._feed.devices.get(wanted.device)
-        told: dict[str, Any] = {
-            "device": wanted.device,
-            "command": f"calibration {request.url.path.rpartition('/')[2]}",
-        }
-        try:
+        """Let somebody who is logged in do something with a device that is there."""
+
+        def done(login: Login, _: str, wanted: Wanted) -> dict[str, Any]:
+            device = self._feed.devices.get(wanted.device)
             if device is None:
                 raise InputError("device", "", "no such device")
-            told = {**told, **await asyncio.to_thread(change, device, wanted, login), "ok": True}
-        except InputError as error:
-            told = {**told, "ok": False, "reason": str(error)}
-        await asyncio.to_thread(self._audit.note, login.user, address_of(request), told)
-        return JSONResponse({**told, "who": login.user})
+            return change(device, wanted, login)
+
+        return await self._orders.done(request, kind, done)

@@ -68,7 +68,15 @@ class Plots:
 
     def _draw(self, paths: Sequence[Path], page: Path) -> None:
         fresh = page.with_name("fresh.html")
-        command = [*background(), sys.executable, "-m", "hoopd", "plot", *map(str, paths), f"--out={fresh}"]
+        command = [
+            *background(waited_for=True),
+            sys.executable,
+            "-m",
+            "hoopd",
+            "plot",
+            *map(str, paths),
+            f"--out={fresh}",
+        ]
         if len(paths) > 1:
             command.append("--from-zero")
         child = subprocess.Popen(

@@ -18,8 +18,9 @@ from starlette.routing import Route
 
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.guards import RESULT_HEADERS
-from hoopd.dashboard.operators import LoginError, Operators
-from hoopd.dashboard.requests import address_of, read, refused, who
+from hoopd.dashboard.operators import Login, Operators
+from hoopd.dashboard.orders import WrittenOrders
+from hoopd.dashboard.requests import BODY_BYTES
 from hoopd.dashboard.work.bench import Bench
 from hoopd.dashboard.work.forms import JobOrder
 from hoopd.dashboard.work.jobs import FILES
@@ -41,7 +42,7 @@ class WorkRoutes:
     """Routes over a bench, or over none."""
 
     def __init__(self, bench: Bench | None, operators: Operators, audit: Audit) -> None:
-        self._bench, self._operators, self._audit = bench, operators, audit
+        self._bench, self._orders = bench, WrittenOrders(operators, audit)
 
     @property
     def routes(self) -> list[Route]:
@@ -167,21 +168,14 @@ class WorkRoutes:
         request: Request,
         kind: type[Wanted],
         change: Callable[[Bench, Wanted, str], dict[str, Any]],
-        most_bytes: int = 4096,
+        most_bytes: int = BODY_BYTES,
     ) -> Response:
-        """Let somebody who is logged in change something, and write it down."""
-        try:
-            login = who(request, self._operators)
-            wanted = await read(request, kind, most_bytes)
-        except LoginError as error:
-            return refused(error)
-        self._operators.seen(login)
-        try:
-            told = await asyncio.to_thread(change, self._own, wanted, login.user)
-        except InputError as error:
-            return JSONResponse({"ok": False, "reason": str(error)}, 400)
-        await asyncio.to_thread(self._audit.note, login.user, address_of(request), {**told, "ok": True})
-        return JSONResponse({"ok": True, **told})
+        """Let somebody who is logged in change something on the bench."""
+
+        def done(login: Login, _: str, content: Wanted) -> dict[str, Any]:
+            return change(self._own, content, login.user)
+
+        return await self._orders.done(request, kind, done, most_bytes)
 
 
 def _missing(error: InputError) -> Response:

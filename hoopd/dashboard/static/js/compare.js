@@ -9,6 +9,11 @@ const FIELDS = [
   { name: 'hold_s', label: 'Each reference', value: 2, min: 0.5, max: 60, step: 0.5, unit: 's' },
   { name: 'amplitude_rad', label: 'References up to', value: 0.1, min: 0, max: 0.5, step: 0.01, unit: 'rad' },
 ];
+const MEASURES = {
+  ball: { label: 'smaller error of the ball', result: 'ball_rms_rad', name: 'ball’s error', row: 'ball’s error, rad rms' },
+  cost: { label: 'smaller cost of the design (torque is charged)', result: 'cost', name: 'cost', row: 'cost of a tick' },
+};
+const CONFIRM_MS = 15000;
 const VERDICTS = {
   better: ['good', 'The candidate is better.'], worse: ['bad', 'The candidate is worse.'],
   'not told apart': ['', 'They cannot be told apart.'], 'went back': ['bad', 'The candidate was taken back.'], stopped: ['bad', 'The run was cut short.'],
@@ -21,6 +26,7 @@ export class Compare {
     Object.assign(this, { page, last: null, listed: '', drawnOf: '' });
     this.acting = element('strong');
     this.choice = element('select', { id: 'candidate', 'aria-label': 'Candidate' });
+    this.by = element('select', { id: 'compare-by' }, ...Object.entries(MEASURES).map(([value, { label }]) => element('option', { value }, label)));
     this.fields = FIELDS.map(one => this.field(one));
     this.start = element('button', { type: 'button', class: 'primary', id: 'compare-start', onclick: () => this.begin() }, 'Start');
     this.stop = element('button', { type: 'button', id: 'compare-end', onclick: () => this.send('Comparison ended', 'end') }, 'End it');
@@ -31,12 +37,12 @@ export class Compare {
     this.verdict = element('p', { class: 'verdict', id: 'compare-verdict', role: 'status' });
     this.table = element('table', { class: 'proposal', id: 'compare-table' });
     this.figure = element('div', { class: 'pairs', id: 'compare-figure' });
-    this.accept = element('button', { type: 'button', class: 'primary', id: 'compare-accept', onclick: () => this.send('Candidate accepted', 'decide', { accept: true }) }, 'Accept');
+    this.accept = element('button', { type: 'button', class: 'primary', id: 'compare-accept', onclick: () => this.decide() }, 'Accept');
     this.back = element('button', { type: 'button', id: 'compare-back', onclick: () => this.send('Rolled back', 'decide', { accept: false }) }, 'Roll back');
     this.decided = element('p', { class: 'detail', id: 'compare-decided', role: 'status' });
     place.append(
       element('p', { class: 'detail' }, 'The controller that acts and a candidate take turns, in random order, with the same references, until it is clear which one is better. The one that acts now is back at once when the candidate does badly, when something fails, or when this page is closed.'),
-      element('div', { class: 'versus' }, element('span', {}, 'Acts now: ', this.acting), element('label', {}, 'Candidate', this.choice)),
+      element('div', { class: 'versus' }, element('span', {}, 'Acts now: ', this.acting), element('label', {}, 'Candidate', this.choice), element('label', {}, 'Better means', this.by)),
       element('div', { class: 'fields' }, ...this.fields), this.hint,
       element('div', { class: 'tools' }, this.arm, this.start, this.stop), this.step, this.bar, this.verdict, this.table, this.figure,
       element('div', { class: 'tools' }, this.accept, this.back), this.decided);
@@ -95,10 +101,22 @@ export class Compare {
     }
   }
 
+  /** One click takes what is better; what is not is asked for once more. */
+  decide() {
+    const { last } = this, sure = last.verdict === 'better' || Date.now() - (this.askedAt ?? 0) < CONFIRM_MS;
+    if (sure) {
+      this.askedAt = 0;
+      return this.send('Candidate accepted', 'decide', { accept: true, anyway: last.verdict !== 'better' });
+    }
+    this.askedAt = Date.now();
+    say(this.decided, `By the ${MEASURES[last.judged_by].name} the candidate is not better (${last.verdict}). Click again within ${CONFIRM_MS / 1000} s to accept it all the same.`);
+    return undefined;
+  }
+
   begin() {
     const bad = this.fields.map(one => one.querySelector('input')).find(input => !input.checkValidity());
     if (bad) return bad.reportValidity();
-    return this.send('Comparison begun', 'begin', { device: this.page.device.identity, key: this.choice.value, ...this.numbers, seed: Math.floor(Math.random() * 65536) });
+    return this.send('Comparison begun', 'begin', { device: this.page.device.identity, key: this.choice.value, by: this.by.value, ...this.numbers, seed: Math.floor(Math.random() * 65536) });
   }
 
   show(device) {
@@ -111,6 +129,8 @@ export class Compare {
     say(this.hint, missing || `At most ${number(minutes, 1)} minutes; it ends sooner when it is clear. Leave references and gains alone meanwhile.`);
     this.arm.hidden = !may || ['RUNNING', 'READY'].includes(mode);
     this.start.disabled = running || Boolean(missing);
+    this.by.disabled = running;
+    say(this.accept, last?.verdict === 'better' ? 'Accept' : Date.now() - (this.askedAt ?? 0) < CONFIRM_MS ? 'Accept it all the same' : 'Accept …');
     this.stop.disabled = !running || !may;
     this.stop.hidden = !running;
     this.bar.hidden = !running;
@@ -128,30 +148,31 @@ export class Compare {
     say(this.step, running ? last.step : '');
     if (!last) return;
     this.bar.value = last.share;
-    const [state, words] = VERDICTS[last.verdict] ?? ['', 'Not clear yet.'];
+    const [state, words] = VERDICTS[last.verdict] ?? ['', 'Not clear yet.'], measure = MEASURES[last.judged_by];
     this.verdict.dataset.state = state;
-    say(this.verdict, last.reason ? `${words.replace(/\.$/, ':')} ${last.reason}.` : words);
+    say(this.verdict, `${last.reason ? `${words.replace(/\.$/, ':')} ${last.reason}.` : words} Judged by the ${measure.name}.`);
     const row = (label, { accepted, candidate, change_percent: change, interval_percent: [low, high] }, digits) => element('tr', {},
       element('th', { scope: 'row' }, label), element('td', {}, digits(accepted)), element('td', {}, digits(candidate)),
       element('td', {}, percent(change)), element('td', {}, low === null || high === null ? 'too few pairs' : `${percent(low)} … ${percent(high)}`));
     this.table.replaceChildren(
       element('thead', {}, element('tr', {}, ...['', `acts: ${file(last.accepted)}`, `candidate: ${file(last.candidate)}`, 'change', `interval, ${number(100 * (1 - last.alpha), 0)} %, at any look`].map(one => element('th', { scope: 'col' }, one)))),
-      element('tbody', {}, row('cost of a tick', last.cost, short), row('ball’s error, rad rms', last.ball_rms_rad, short)));
-    this.figure.replaceChildren(...(last.pairs.length ? [pairs(last), element('p', { class: 'detail' }, 'Change of the cost, pair by pair (dots), and the interval so far (bars). Below zero the candidate is better.')] : []));
+      element('tbody', {}, ...Object.values(MEASURES).map(one => row(`${one.row}${one === measure ? ' (decides)' : ''}`, last[one.result], short))));
+    this.figure.replaceChildren(...(last.pairs.length ? [pairs(last, measure), element('p', { class: 'detail' }, `Change of the ${measure.name}, pair by pair (dots), and the interval so far (bars). Below zero the candidate is better.`)] : []));
+    if (last.decided) this.askedAt = 0;
     say(this.decided, last.decided ? `The candidate was ${last.decided}.` : '');
   }
 }
 
-/** Change of the cost after each pair, with its interval; negative is better. */
-function pairs({ cost, pairs: all }) {
+/** Change of what decides after each pair, with its interval; negative is better. */
+function pairs({ pairs: all, ...last }, { result, name }) {
   const WIDE = 640, HIGH = 190, LEFT = 60, LOW = 28;
-  const ends = cost.intervals_percent, changes = all.map(one => 100 * (one.cost.candidate / one.cost.accepted - 1));
+  const ends = last[result].intervals_percent, changes = all.map(one => 100 * (one[result].candidate / one[result].accepted - 1));
   const values = [0, ...changes, ...ends.flat()].filter(value => value !== null && Math.abs(value) < 400);
   const low = Math.min(...values), high = Math.max(...values), room = (high - low || 1) * 0.08;
   const x = k => LEFT + (k + 0.5) * (WIDE - LEFT - 10) / all.length;
   const y = value => (HIGH - LOW) * (1 - (Math.min(high, Math.max(low, value)) - low + room) / (high - low + 2 * room)) + 4;
   const text = (place, height, words, anchor) => drawn('text', { x: place, y: height, 'text-anchor': anchor, class: 'axis' }, words);
-  return drawn('svg', { viewBox: `0 0 ${WIDE} ${HIGH}`, role: 'img', 'aria-label': `change of the cost by pair: ${changes.map(one => percent(one)).join(', ')}` },
+  return drawn('svg', { viewBox: `0 0 ${WIDE} ${HIGH}`, role: 'img', 'aria-label': `change of the ${name} by pair: ${changes.map(one => percent(one)).join(', ')}` },
     drawn('line', { x1: LEFT, x2: WIDE, y1: y(0), y2: y(0), class: 'zero' }),
     ...[low, 0, high].filter((one, k, shown) => k === 1 || Math.abs(y(one) - y(shown[1])) > 14).map(one => text(LEFT - 8, y(one) + 4, one ? percent(one) : '0 %', 'end')),
     ...ends.flatMap(([from, to], k) => (from === null || to === null ? [] : [drawn('line', { x1: x(k), x2: x(k), y1: y(from), y2: y(to), class: 'interval' })])),
