@@ -132,7 +132,13 @@ class Recordings:
         for one in fresh:
             if self._closed.is_set():
                 return
-            command = [*background(), sys.executable, "-m", "hoopd.dashboard.work.glance", str(self.folder / one.name)]
+            command = [
+                *background(waited_for=True),
+                sys.executable,
+                "-m",
+                "hoopd.dashboard.work.glance",
+                str(self.folder / one.name),
+            ]
             try:
                 done = subprocess.run(
                     command, capture_output=True, timeout=GLANCE_S, check=False, stdin=subprocess.DEVNULL
