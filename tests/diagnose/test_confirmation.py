@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from diagnose.examples import consistent
+from diagnose.examples import consistent, coulomb
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.commands.diagnosed_model import flipped, outside
+from hoopd.commands.diagnosed_model import flipped, left_out, outside
 from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
@@ -514,6 +514,28 @@ def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, H
     told = refused_of(named, Confirmation(fits[1], fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))
     assert [(one.name, one.log_likelihood_gain) for one in told] == [("actuator.cogging", 33.0)]
     assert "7.2 nats" in told[0].reason
+
+
+def test_what_a_written_model_is_without_is_told_with_the_reason() -> None:
+    first = coulomb()[0].effects[0]
+    each = [
+        msgspec.structs.replace(first, name=name, status=status, reason=reason, in_model=False)
+        for name, status, reason in (
+            ("a.denied", "not_confirmed", "psi is worse"),
+            ("a.harmful", "weak", "blocks are worse"),
+            ("a.faint", "weak", ""),
+            ("a.own", "confirmed", "a model file holds no effects of your own"),
+            ("unknown.hoop", "confirmed", ""),
+        )
+    ]
+    kept = msgspec.structs.replace(first, name="a.kept", status="confirmed", in_model=True)
+    told = left_out(SimpleNamespace(diagnosis=SimpleNamespace(effects=[*each, kept])))  # type: ignore[arg-type]
+    assert told == [
+        "a.denied is not in the model: held-out data do not confirm it",
+        "a.harmful is not in the model: blocks are worse",
+        "a.faint is not in the model: its evidence is weak",
+        "a.own is not in the model: a model file holds no effects of your own",
+    ]
 
 
 def test_a_parameter_that_changed_its_sign_is_told() -> None:
