@@ -23,7 +23,7 @@ from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played, played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.replacement import replace_denied
-from hoopd.diagnose.proof.training_windows import is_wave
+from hoopd.diagnose.proof.training_windows import is_wave, reason_of
 from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.record import Placebo
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
@@ -514,6 +514,13 @@ def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, H
     told = refused_of(named, Confirmation(fits[1], fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))
     assert [(one.name, one.log_likelihood_gain) for one in told] == [("actuator.cogging", 33.0)]
     assert "7.2 nats" in told[0].reason
+
+
+def test_of_several_reasons_that_is_told_which_makes_a_name_weak(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
+    own, unlikely = {FRICTION.name: "weak"}, frozenset({FRICTION.name})
+    for lost, told in (({}, HARDLY), ({"psi": 2.0}, reason_of({"psi": 2.0}))):
+        said = Confirmation(fits[1], fits[1], fits[1], {}, own, harmful={FRICTION.name: lost}, unlikely=unlikely)  # type: ignore[arg-type]
+        assert said.reason(FRICTION.name) == told
 
 
 def test_what_a_written_model_is_without_is_told_with_the_reason() -> None:

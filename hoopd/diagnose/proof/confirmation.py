@@ -66,9 +66,10 @@ class Confirmation:
         """Why a finding is not confirmed, weak, or in no model; empty where nothing more is to be said."""
         if name in self.denials:
             return self.denials[name].reason
-        if name in self.harmful:
-            return reason_of(self.harmful[name])
-        return HARDLY if name in self.unlikely else ""
+        lost = self.harmful.get(name)
+        if name in self.unlikely and not lost:
+            return HARDLY
+        return "" if lost is None else reason_of(lost)
 
 
 def confirmation(
