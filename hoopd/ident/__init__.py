@@ -315,6 +315,7 @@ if TYPE_CHECKING:
     )
     from hoopd.ident.structure_search import identify as identify
     from hoopd.ident.uncertain import possible_models as possible_models
+    from hoopd.ident.vectorfit import rational_matrix as rational_matrix
 
 # Module by module, what it gives.
 _GIVEN = {
@@ -343,6 +344,7 @@ _GIVEN = {
     "spectrogram": "model_spectrum noise_spectrum",
     "impulse": "impulseest",
     "bases": "laguerre kautz orthonormal leadlag add_poles pole fit_basis",
+    "vectorfit": "rational_matrix",
     "rationalfit": "rational fit_basis_response minimum_phase",
     "excitation": "two_levels linear_chirp step low_crest",
     "signals": "prbs chirp multisine steps crest_factor",
@@ -494,6 +496,7 @@ __all__ = [
     "ramp_in",
     "ramp_out",
     "rational",
+    "rational_matrix",
     "reduce",
     "regressors",
     "resample",

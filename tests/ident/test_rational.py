@@ -5,9 +5,12 @@ from __future__ import annotations
 import control as ct
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from hoopd.ident.bases import laguerre
+from hoopd.ident.frequencydata import frequency_response
 from hoopd.ident.rationalfit import fit_basis_response, minimum_phase, rational
+from hoopd.ident.vectorfit import rational_matrix
 
 W = np.geomspace(0.01, 100.0, 300)
 PLANT = ct.tf([3.0, 2.0, 30.0], np.polymul([1.0, 0.1, 4.0], [1.0, 1.0, 100.0]))
@@ -92,3 +95,31 @@ def test_a_sampled_response_gives_the_continuous_system_behind_its_hold() -> Non
     assert as_it_is.system.den[0][0][1] == pytest.approx(0.33, abs=0.02)
     with pytest.raises(ValueError, match="a hold wants"):
         rational(measured(true), 2, 0, hold=True)
+
+
+@pytest.mark.parametrize("direct", [False, True])
+def test_a_matrix_of_responses_has_common_poles(direct: bool) -> None:
+    rng = np.random.default_rng(0)
+    a = block_diag([[-0.1, 2.0], [-2.0, -0.1]], [[-0.5, 9.0], [-9.0, -0.5]], [[-1.0]])
+    truth = ct.ss(a, rng.standard_normal((5, 2)), rng.standard_normal((3, 5)), np.ones((3, 2)) * direct)
+    w = np.geomspace(0.05, 100.0, 120)
+    exact = frequency_response(truth, w)
+    found = rational_matrix(exact, poles=5, direct=direct)
+    assert found.rms < 1e-7
+    for pole in truth.poles():
+        assert np.abs(found.system.poles() - pole).min() < 1e-5
+    assert np.allclose(found.system(1j * w[::20]), truth(1j * w[::20]), atol=1e-6)
+    noisy = ct.FRD(exact.frdata * (1.0 + 0.02 * rng.standard_normal(exact.frdata.shape)), w)
+    again = rational_matrix(noisy, poles=5, direct=direct)
+    assert again.rms < 0.05 and (again.system.poles().real < 0.0).all()
+
+
+def test_what_no_matrix_is_fitted_to() -> None:
+    w = np.geomspace(0.1, 10.0, 5)
+    exact = frequency_response(ct.tf([1.0], [1.0, 1.0]), w)
+    with pytest.raises(ValueError, match="5 frequencies for 9 poles"):
+        rational_matrix(exact, poles=9)
+    with pytest.raises(ValueError, match="continuous response"):
+        rational_matrix(frequency_response(ct.tf([1.0], [1.0, -0.5], 0.1), w), poles=1)
+    with pytest.raises(ValueError, match="no entry zero"):
+        rational_matrix(ct.FRD(np.zeros((1, 1, 5)), w), poles=1)

@@ -211,6 +211,7 @@ def test_the_start_at_rest_reaches_through_gaps() -> None:
 
 
 @pytest.mark.proof
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.2])
 @pytest.mark.parametrize("kind", ["armax", "bj", "ararx"])
 def test_standard_errors_are_the_spread_of_many_estimates(kind: str, share: float) -> None:
