@@ -3,7 +3,7 @@
 
 Rules of this file: it only starts what a person would type in two terminals, in a folder that goes with it; it ends no
 process but those two. Usage: tools/sim_web.py [--listen 127.0.0.1:8765] [--recordings FOLDER]
-[--controllers FOLDER] [--set KEY=VALUE ...] [--seconds N]
+[--controllers FOLDER] [--camera direct] [--set KEY=VALUE ...] [--seconds N]
 """
 
 from __future__ import annotations
@@ -95,6 +95,7 @@ def main() -> int:
         "--recordings", type=Path, help="where the rig records and the page works; goes with it unless told"
     )
     parser.add_argument("--controllers", type=Path, help="folder of controllers of the rig; goes with it unless told")
+    parser.add_argument("--camera", choices=("direct",), help="direct: the ball's angle without rendered pictures")
     parser.add_argument("--set", dest="sets", action="append", default=[], help="a key of the rig's configuration")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -105,7 +106,8 @@ def main() -> int:
         recordings = options.recordings or Path(folder) / "recordings"
         recordings.mkdir(exist_ok=True)
         loaded = (options.controllers or Path(folder) / "controllers").resolve()
-        own = [*controllers(loaded), *(word for one in options.sets for word in ("--set", one))]
+        eye = () if options.camera is None else ("--camera", options.camera)
+        own = [*controllers(loaded), *eye, *(word for one in options.sets for word in ("--set", one))]
         bench = ("--recordings", str(recordings), "--controllers", str(loaded))
         processes = [
             started("--sim", "--record", str(recordings), *shared, *own),

@@ -52,13 +52,12 @@ from hoopd.commands.options.running import (
     StatusOptions,
     StopOptions,
     TuneOptions,
-    checked_speed,
-    without_pictures,
 )
 from hoopd.commands.options.simulate import SimulateOptions
 from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.commands.options.watch import WatchOptions
 from hoopd.commands.output import check_json, write_json
+from hoopd.commands.run_options import run_options
 from hoopd.commands.watch import watch
 from hoopd.exit_codes import DONE, FAILED, PORT_MISSING, UNUSABLE_INPUT
 from hoopd.files.reading import InputError, PortMissingError
@@ -96,23 +95,11 @@ def run(context: typer.Context, options: RunOptions) -> None:
         typer.echo(__version__)
         return
     _end_at_once()
-    from hoopd.daemon.app import Options, run_daemon
+    from hoopd.daemon.app import run_daemon
 
-    chosen, direct = checked_speed(options.speed), without_pictures(options.camera)
+    asked = run_options(options, duration_s=options.duration, record=options.record, arm=options.arm)
     check_json(options.json_path)
-    summary = run_daemon(
-        Options(
-            sim=options.sim,
-            config=options.config,
-            sets=options.sets,
-            duration_s=options.duration,
-            record=options.record,
-            seed=options.seed,
-            speed=chosen,
-            direct=direct,
-            arm=options.arm,
-        )
-    )
+    summary = run_daemon(asked)
     write_json(options.json_path, summary)
     if summary["exit"]:
         raise typer.Exit(int(summary["exit"]))

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from hoopd.commands.options.compare import CompareOptions
-from hoopd.commands.options.running import without_pictures
 from hoopd.commands.options.shared import check_files, finish, shown_progress
 from hoopd.commands.output import check_json
 from hoopd.commands.output_files import check_results
+from hoopd.commands.run_options import run_options
 from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
@@ -54,20 +54,11 @@ def _found(options: CompareOptions) -> CompareOptions:
 
 def run(options: CompareOptions, progress: Callable[[ControllerComparison], None] | None = None) -> dict[str, Any]:
     """The result as plain data."""
-    from hoopd.daemon.app import Options
     from hoopd.daemon.comparison import run as on_the_rig
 
     plan = plan_of(options)
     if options.sim:
-        rig = Options(
-            sim=True,
-            config=options.config,
-            sets=options.sets,
-            record=options.record,
-            seed=options.seed,
-            speed="max",
-            direct=without_pictures(options.camera),
-        )
+        rig = run_options(options, record=options.record, speed="max")
         return on_the_rig(options.accepted, options.candidate, plan, rig, progress, by=options.by)
     if options.record is not None:
         raise InputError("--record", "", "goes with --sim: a running daemon records by itself")

@@ -15,7 +15,7 @@ from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.replay import ReplayOptions
-from hoopd.commands.options.running import checked_speed, without_pictures
+from hoopd.commands.run_options import run_options
 from hoopd.files.reading import InputError
 
 # Of the hoop's signals, s: the least is a tick, but for the whole, which has to reach beyond its soft start.
@@ -37,7 +37,6 @@ def experiment(options: ExperimentOptions) -> None:
     if options.at:
         raise InputError("--at", "", "goes with --plant, and only with it")
     _check_times(options)
-    from hoopd.daemon.app import Options
     from hoopd.daemon.experiment import run, write_signal
     from hoopd.daemon.recording_target import Where
     from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
@@ -45,15 +44,7 @@ def experiment(options: ExperimentOptions) -> None:
     asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
     seconds = DURATIONS_S.get(options.kind, DURATION_S) if options.duration_s is None else options.duration_s
     plan = Plan(**asked, duration_s=seconds, ball=not options.no_ball)
-    rig = Options(
-        sim=options.sim,
-        config=options.config,
-        sets=options.sets,
-        seed=options.seed,
-        speed=checked_speed(options.speed),
-        direct=without_pictures(options.camera),
-        arm=options.arm,
-    )
+    rig = run_options(options, arm=options.arm)
     if options.signal_out is not None:
         result = write_signal(plan, rig, options.signal_out)
     else:

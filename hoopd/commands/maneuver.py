@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hoopd.commands.options.maneuver import ManeuverOptions
-from hoopd.commands.options.running import checked_speed, without_pictures
 from hoopd.commands.options.trajectory import TrajectoryOptions
+from hoopd.commands.run_options import run_options
 from hoopd.commands.trajectory import planned
 from hoopd.daemon.app import Options
 from hoopd.daemon.maneuver import AskedManeuver, filter_model, recorded_maneuvers
@@ -27,15 +27,7 @@ def run(options: ManeuverOptions) -> dict[str, Any]:
         from hoopd.plots.style import check_path
 
         check_path(options.figure)
-    rig = Options(
-        sim=options.sim,
-        config=options.config,
-        sets=options.sets,
-        seed=options.seed,
-        speed=checked_speed(options.speed),
-        direct=without_pictures(options.camera),
-        arm=options.arm,
-    )
+    rig = run_options(options, arm=options.arm)
     trajectory, name = _trajectory(options, rig)
     result = play(AskedManeuver(trajectory, name, options.repeat), rig, Where(options.record, options.out))
     if options.figure is not None:

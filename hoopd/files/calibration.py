@@ -90,6 +90,8 @@ class Calibrations:
         if not folder.is_dir():
             raise InputError(folder, "calibration.folder", "no such folder")
         self.folder = folder
+        self._seen: tuple[tuple[str, int, int, int], ...] = ()
+        self._known: list[ListedCalibration] = []
 
     def numbers(self) -> list[int]:
         """Of the versions that are there."""
@@ -121,8 +123,18 @@ class Calibrations:
             raise InputError(error.path, error.key, f"{_reason(error)}; {advice}") from None
 
     def listed(self) -> list[ListedCalibration]:
-        """All, oldest first, each with what it changed, or with what is wrong with it."""
-        return list(self._listed())
+        """All, oldest first, each with what it changed, or with what is wrong with it.
+
+        They are read and hashed anew when a file of the folder is another one: a page asks every few seconds.
+        """
+        if (seen := self._files()) != self._seen:
+            self._known, self._seen = list(self._listed()), seen
+        return list(self._known)
+
+    def _files(self) -> tuple[tuple[str, int, int, int], ...]:
+        """Name, size and times of every file; whatever is written to one, the last of them is another."""
+        found = ((path.name, path.lstat()) for path in self.folder.iterdir())
+        return tuple(sorted((name, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns) for name, stat in found))
 
     def _listed(self) -> Iterator[ListedCalibration]:
         before: AcceptedCalibration | None = None

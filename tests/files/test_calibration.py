@@ -79,6 +79,17 @@ def test_a_version_that_was_changed_by_hand_is_noticed_and_never_used(tmp_path: 
     assert loaded(tmp_path).vision.threshold == 90.0
 
 
+def test_what_did_not_change_is_not_hashed_at_every_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    versions, read = folder(tmp_path), list[str]()
+    original = Calibrations.evidence
+    monkeypatch.setattr(Calibrations, "evidence", lambda *of: (read.append(of[2]), original(*of))[1])
+    first = versions.listed()
+    assert versions.listed() == first and read == ["0001-circle.jpg"]
+    evidence = versions.folder / "0001-circle.jpg"
+    evidence.write_bytes(b"PICTURE")  # as long as it was
+    assert versions.listed()[0].wrong.startswith("0001-circle.jpg: was changed") and len(read) == 2
+
+
 def test_one_that_is_missing_or_exchanged_is_noticed_by_the_next(tmp_path: Path) -> None:
     versions = folder(tmp_path)
     (versions.folder / "0001.yaml").unlink()
