@@ -246,3 +246,19 @@ def test_a_rig_of_the_throws_is_drawn_from_its_seed(monkeypatch: pytest.MonkeyPa
     assert all(0.0 <= one["restitution"] <= 0.4 and 0.1 <= one["grip"] <= 0.5 for one in touches)
     assert max(one["restitution"] for one in touches) > 0.3 > 0.1 > min(one["restitution"] for one in touches)
     assert "restitution" in rigs[0].write(tmp_path / "sealed.yaml").read_text()
+
+
+def test_a_diagnosis_of_twice_the_length_has_its_exponent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bench = runpy.run_path(str(BENCH / "diagnosis_length.py"))
+    bench["write_recording"](tmp_path / "run.csv", 2.0, 0.004)
+    rows = (tmp_path / "run.csv").read_text().splitlines()
+    assert rows[0] == "t,u,theta,dtheta,psi" and len(rows) == 102
+    main, taken = bench["main"], {2.0: 3.0, 4.0: 12.0}
+    told = {"processor_s": lambda path: (taken[float(path.stem[:-1])], "-"), "write_recording": lambda *_: None}
+    monkeypatch.setattr(sys, "argv", ["diagnosis_length.py", "--seconds", "2,4"])
+    out = io.StringIO()
+    with monkeypatch.context() as patch, contextlib.redirect_stdout(out):
+        for name, stand_in in told.items():
+            patch.setitem(main.__globals__, name, stand_in)
+        assert main() == BOUNDS_FAILED
+    assert "2 to 4 s: exponent 2.00" in out.getvalue() and "MISSED" in out.getvalue()
