@@ -16,6 +16,11 @@ PATHS = before.recordings()
 RUNS = [path for path in PATHS if path.suffix == ".mcap"]
 
 
+# What replays otherwise by a decision that the changelog names: the filter's covariance takes the force of a dry
+# friction that holds as given.
+DECIDED = frozenset({"06-effects-written-back.mcap"})
+
+
 def named(path: Path) -> str:
     return path.name
 
@@ -42,5 +47,8 @@ def test_what_a_run_holds_is_read_as_before(path: Path) -> None:
 @pytest.mark.parametrize("path", RUNS, ids=named)
 def test_a_run_replays_to_the_same_bits(path: Path) -> None:
     result = replay(path, run_law=path.name == "12-own-law.mcap")
+    if path.name in DECIDED:
+        assert not result["equal"] and "x_hat" in result["first_difference"]
+        return
     assert result["equal"], result["first_difference"]
     assert (result["ticks"], result["lost"]) == (DIGESTS[path.name]["rows"], "")

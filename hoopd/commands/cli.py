@@ -21,7 +21,6 @@ import typer
 from hoopd.commands import device, offline, operator
 from hoopd.commands.compare import compare
 from hoopd.commands.dashboard import dashboard
-from hoopd.commands.learn import learn
 from hoopd.commands.options.calibrate import CalibrateOptions
 from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.compare import CompareOptions
@@ -153,7 +152,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (ExperimentOptions, device.experiment),
         (CompareOptions, compare),
         (ManeuverOptions, device.maneuver),
-        (LearnOptions, learn),
+        (LearnOptions, device.learn),
     ),
     "A running daemon": (
         (ArmOptions, operator.arm),

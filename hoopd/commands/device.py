@@ -13,6 +13,7 @@ from hoopd.commands.options.calibrate import CalibrateOptions
 from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.experiment import ExperimentOptions
+from hoopd.commands.options.learn import LearnOptions
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.replay import ReplayOptions
 from hoopd.commands.run_options import run_options
@@ -73,6 +74,13 @@ def maneuver(options: ManeuverOptions) -> None:
     write_json(options.json_path, result)
     print_result({**result, "attempts": {str(k): _brief(one) for k, one in enumerate(result["attempts"], 1)}})
     raise typer.Exit(result["exit"])
+
+
+def learn(options: LearnOptions) -> None:
+    """Recordings until it is known what the model leaves out."""
+    from hoopd.commands.learn import learn as go_on
+
+    go_on(options)
 
 
 def _brief(attempt: dict[str, Any]) -> dict[str, Any]:

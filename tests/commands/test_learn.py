@@ -47,8 +47,8 @@ class Played:
             return 0
         if text[0] == "compare":
             content = {
-                "verdict": self.verdict, "reason": "clear after 4 pairs", "pairs": [],
-                "cost": {"intervals_percent": [], "change_percent": None},
+                "verdict": self.verdict, "reason": "clear after 4 pairs", "pairs": [], "judged_by": "ball",
+                "ball_rms_rad": {"intervals_percent": [], "change_percent": None},
             }  # fmt: skip
         told.write_text(json.dumps(content))
         return 0

@@ -26,8 +26,8 @@ def test_a_steady_false_object_on_the_track_ends_in_a_controlled_stop(
 ) -> None:
     see = DirectWatcher.see
 
-    def fooled(self: DirectWatcher, frame: int, t: float, state: Any) -> Any:
-        sample = see(self, frame, t, state)
+    def fooled(self: DirectWatcher, frame: int, t: float, state: Any, distance: float = 1.0) -> Any:
+        sample = see(self, frame, t, state, distance)
         return sample if t < AT_S else sample._replace(psi=psi + 0.001 * (frame % 3))
 
     monkeypatch.setattr(DirectWatcher, "see", fooled)

@@ -147,7 +147,11 @@ def test_one_that_is_switched_off_before_its_first_torque_is_none() -> None:
         SimpleNamespace(t=1.02, event="experiment_ended", fields={"reason": "the mode is FAULT"}),
     ]
     ticks = [SimpleNamespace(t=1.0, mode="RUNNING"), SimpleNamespace(t=1.02, mode="FAULT")]
-    assert recorded_maneuvers(cast(RecordedRun, SimpleNamespace(events=events, ticks=ticks))) == []
+    header = SimpleNamespace(config="{}")
+    assert (
+        recorded_maneuvers(cast(RecordedRun, SimpleNamespace(events=events, ticks=ticks, inputs=[], header=header)))
+        == []
+    )
 
 
 @cache

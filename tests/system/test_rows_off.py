@@ -12,7 +12,7 @@ from harness.smallrig import healthy
 from hoopd.core.health import Thresholds
 from hoopd.core.slow_ticks import rows_off
 from hoopd.daemon.checks import Verdict, exit_code, fault_rows
-from hoopd.daemon.replay import _config, replay
+from hoopd.daemon.replay import recorded_config, replay
 from hoopd.daemon.report import operator_status
 from hoopd.files.reading import InputError
 from hoopd.shell.config import load
@@ -37,8 +37,8 @@ def test_it_does_when_the_row_is_accepted(tmp_path: Path) -> None:
 
 def test_a_recording_of_before_ran_with_its_rows_off() -> None:
     text = "faults: {torque_constant_nm_per_a: 0.0}"
-    assert not _config(Path("old.mcap"), text).faults.not_accepted()
-    assert _config(Path("new.mcap"), text[:-1] + ", accepted_off: []}").faults.not_accepted()
+    assert not recorded_config(Path("old.mcap"), text).faults.not_accepted()
+    assert recorded_config(Path("new.mcap"), text[:-1] + ", accepted_off: []}").faults.not_accepted()
 
 
 def test_the_shipped_device_accepts_what_it_lacks() -> None:

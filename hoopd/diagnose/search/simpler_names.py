@@ -41,7 +41,7 @@ def tell_simply(found: Named, judge: Judge, mechanisms: Sequence[Mechanism] = ()
 
 
 def _simpler(found: Named, judge: Judge, one: Tried, mechanisms: Mapping[str, Mechanism]) -> Tried | None:
-    """The simpler law that loses least, where that is less than the larger one must gain."""
+    """The simpler law that explains most beyond chance, of those that lose less than the larger one must gain."""
     mine = mechanisms.get(one.effect.name)
     best: Tried | None = None
     for other in _contained(found, judge, one) if mine is None else _limits(found, judge, mine, mechanisms):
@@ -52,7 +52,8 @@ def _simpler(found: Named, judge: Judge, one: Tried, mechanisms: Mapping[str, Me
         # in blocks that were not fitted it loses no more than chance explains
         if judge.fold_loss(found.final, other.fit, max(-lost, 0.0)) is not None:
             continue
-        if best is None or other.gain > best.gain:
+        # by what chance gives each: of two that explain as much the one with fewer constants
+        if best is None or other.surprise > best.surprise:
             best = other
     return best
 

@@ -18,7 +18,7 @@ from beforeafter import ratios, trees
 RECORDING = "before.mcap"
 PROBE = Path(__file__).with_name("tickprobe.py")
 KEPT = trees.ROOT / "tests" / "data" / "before_the_move"
-REPLAYED = ("01-lqg.mcap", "06-effects-written-back.mcap")
+REPLAYED = ("01-lqg.mcap", "07-late-pictures.mcap")
 QUIET = ("--set", "telemetry.enabled=false", "--set", "commands.enabled=false", "--set", "log.level=error")
 RIG = ("--sim", "--speed", "max", "--camera", "direct", *QUIET)
 Say = Callable[[str], None]
