@@ -137,7 +137,9 @@ def test_a_job_runs_shows_what_it_wrote_and_is_written_down(folder: Path, tmp_pa
         assert web.post("/api/work/remove", {"number": 1}, **who).json["ok"]
         assert [one["number"] for one in told(web)["jobs"]] == [2]
     lines = [json.loads(line) for line in audit.read_text().splitlines()]
-    assert [one["command"] for one in lines] == ["login", "job identify", "remark", "job 1 again", "job removed"]
+    done = [one["command"] for one in lines]
+    assert done == ["login", "job identify", "work ask", "remark", "job 1 again", "job removed"]
+    assert [one["command"] for one in lines if not one.get("ok", True)] == ["work ask"]
     assert {one["who"] for one in lines} == {"operator"}
     assert Bench(folder, tmp_path / "results").recordings.told()[-1] is not None
     kept = {one["name"]: one["note"] for one in Bench(folder, tmp_path / "results").recordings.told()}
