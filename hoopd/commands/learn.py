@@ -39,6 +39,7 @@ QUIETLY = ("--speed", "max", "--camera", "direct", "--set", "log.level=error")
 AROUND_S = 2.0
 LEAST_S = 5.0  # of a recording that is worth a diagnosis
 LAW = "lqg"
+BY = "ball"  # what better means
 
 
 class StepError(Exception):
@@ -132,6 +133,8 @@ class Steps:
                 accepted,
                 self.campaign.controller,
                 *place,
+                "--by",
+                BY,
                 "--seed",
                 str(self.options.seed),
             ]

@@ -56,6 +56,7 @@ class Decision(msgspec.Struct, forbid_unknown_fields=True):
     """What becomes of a candidate."""
 
     accept: bool
+    key: str = ""  # of the candidate that who decides saw
     anyway: bool = False  # it was not better, and who decides was told so
 
 
@@ -187,6 +188,8 @@ class Comparisons:
         shown = self._last
         if shown is None or shown.running:
             raise InputError("compare", "", "there is nothing to decide" if shown is None else "it goes on")
+        if decision.key not in ("", shown.comparison.key):
+            raise InputError("compare", "", "another candidate was tried meanwhile: look again")
         if decision.accept and not decision.anyway and shown.comparison.verdict != BETTER:
             by = MEANINGS[shown.comparison.by]
             raise InputError("compare", "", f"by {by} it is not better ({shown.comparison.verdict}): confirm it")
@@ -194,7 +197,8 @@ class Comparisons:
         # what a device told may be from before the last decision, which would then stand
         if shown.decided or _acting(shown.device) != key:
             self._operators.command(login, shown.device.endpoint, shown.device.name, CONTROLLER, None, key)
-        anyway = f", though it was {shown.comparison.verdict}" if decision.accept and decision.anyway else ""
+        doubted = decision.accept and shown.comparison.verdict != BETTER
+        anyway = f", though it was {shown.comparison.verdict}" if doubted else ""
         shown.decided = f"{'accepted' if decision.accept else 'rolled back'} by {login.user}{anyway}"
         self._keep(shown)
         return {

@@ -46,5 +46,9 @@ class WrittenOrders:
             told = {**told, **await asyncio.to_thread(change, login, address, wanted), "ok": True}
         except InputError as error:
             told = {**told, "ok": False, "reason": str(error)}
+        except Exception as error:
+            told = {**told, "ok": False, "reason": f"a mistake of the page's server: {error}"}
+            await asyncio.to_thread(self._audit.note, login.user, address, told)
+            raise
         await asyncio.to_thread(self._audit.note, login.user, address, told)
         return JSONResponse({**told, "who": login.user})

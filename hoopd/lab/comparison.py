@@ -39,12 +39,12 @@ class ComparedControllers:
     @property
     def change(self) -> float | None:
         """Of what decides, in percent; negative is better."""
-        return self.result[RESULTS[self.result["judged_by"]]]["change_percent"]  # type: ignore[no-any-return]
+        return self.result[RESULTS[self.result.get("judged_by", "cost")]]["change_percent"]  # type: ignore[no-any-return]
 
     @property
     def interval(self) -> tuple[float | None, float | None]:
         """Where the change of what decides lies, in percent, whenever the run ended; None: no bound yet."""
-        low, high = self.result[RESULTS[self.result["judged_by"]]]["interval_percent"]
+        low, high = self.result[RESULTS[self.result.get("judged_by", "cost")]]["interval_percent"]
         return low, high
 
     def plot(self) -> Picture:

@@ -23,7 +23,7 @@ MEASURES = {
 def draw_comparison(result: Mapping[str, Any]) -> Figure:
     """Pairs of what decides at the left, at the right what the candidate changes, in percent, after each pair."""
     figure = style.figure(9.0, 3.8, columns=2, title=f"The candidate is {result['verdict'] or 'being tried'}")
-    measure, unit, name = MEASURES[result["judged_by"]]
+    measure, unit, name = MEASURES[result.get("judged_by", "cost")]
     _pairs(figure.axes[0], [one[measure] for one in result["pairs"]], unit)
     _change(figure.axes[1], result[measure]["intervals_percent"], result[measure]["change_percent"], name)
     return figure

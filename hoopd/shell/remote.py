@@ -55,8 +55,11 @@ def ask(
 
 def configuration(session: zenoh.Session, endpoint: str, device: str, timeout_s: float) -> str:
     """A daemon's configuration as it tells it, without secrets; CommandError when none answers."""
-    replies = session.get(device_key(device, "config"), timeout=timeout_s)
-    text = _answer("config", list(replies), endpoint, device).get("config")
+    try:
+        replies = list(session.get(device_key(device, "config"), timeout=timeout_s))
+    except zenoh.ZError as error:  # the connection went meanwhile
+        raise CommandError(f"config: no answer: {error}") from None
+    text = _answer("config", replies, endpoint, device).get("config")
     if not isinstance(text, str):
         raise CommandError("config: not the answer of a daemon")
     return text

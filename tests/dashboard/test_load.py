@@ -55,7 +55,10 @@ def test_a_model_of_a_job_goes_with_its_controller(tmp_path: Path) -> None:
     (jobs / "00001" / "model.yaml").write_text("the model\n", encoding="utf-8")
     controller = jobs / "00002" / "controller.yaml"
     controller.write_text(f"law: lqg\nmodel: {jobs}/00001/model.yaml\nend: 1\n", encoding="utf-8")
-    Controllers(folder).lay_in("job2", controller, jobs)
+    listed = Controllers(folder)
+    listed.lay_in("job2", controller, jobs)
+    (folder / "other-model.yaml").write_text("# a model\nschema: hoopd.model/1\nname: x\n", encoding="utf-8")
+    assert not any(one.key.startswith("other-model.yaml") for one in listed.listed())
     assert (folder / "job2.yaml").read_text() == "law: lqg\nmodel: job2-model.yaml\nend: 1\n"
     assert (folder / "job2-model.yaml").read_text() == "the model\n"
     with pytest.raises(InputError, match="--controllers"):

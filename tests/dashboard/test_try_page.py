@@ -89,6 +89,9 @@ def test_a_signal_is_played_and_a_candidate_compared_accepted_and_rolled_back(tm
         page.ask("void document.querySelector('#compare-accept').click()")
         page.wait_for("document.querySelector('#compare-decided').innerText.includes('not better')", BUSY_S)
         assert acting().get("accepted") == "lqg.yaml"
+        page.ask("void document.querySelector('#compare-accept').click()")  # a double click reads nothing
+        time.sleep(1.0)
+        assert acting().get("accepted") == "lqg.yaml"
         page.ask("void document.querySelector('#compare-accept').click()")
         page.wait_for("document.querySelector('#compare-decided').innerText.includes('accepted by operator')", BUSY_S)
         assert wait_until(lambda: acting().get("accepted") == "arx.yaml")

@@ -15,10 +15,11 @@ from hoopd.shell.cores import off_isolated_cores
 _IDLE = ("chrt", "--idle", "0")  # SCHED_IDLE: below every nice value
 
 _LOW = ("nice", "-n", "5")
+_LOWEST = ("nice", "-n", "19")
 
 
 def background(*, waited_for: bool = False) -> tuple[str, ...]:
     """The prefix; what the system has no program for is left out."""
-    wanted = _LOW if waited_for or not shutil.which(_IDLE[0]) else _IDLE
+    wanted = _LOW if waited_for else _IDLE if shutil.which(_IDLE[0]) else _LOWEST
     low = wanted if shutil.which(wanted[0]) else ()
     return (*end_with_parent(), *off_isolated_cores(), *low)

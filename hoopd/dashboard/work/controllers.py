@@ -15,6 +15,9 @@ from hoopd.files.whole_files import replace_file
 
 MOST = 200
 SIGNAL = "signal-"  # what the names of test signals begin with
+# A file that says itself that it is something else, as the models that lie beside their controllers.
+_OTHER = re.compile(rb"(?m)^schema: +hoopd\.(?!controller/)")
+HEAD_BYTES = 4096
 _MODEL = re.compile(r"(?m)^model: +(?P<path>[^#\n]+?) *$")
 
 
@@ -39,7 +42,7 @@ class Controllers:
         found = []
         for path in [*self._folder.glob("*.yaml")][:MOST]:
             try:
-                if path.name.startswith(SIGNAL):
+                if path.name.startswith(SIGNAL) or _OTHER.search(path.read_bytes()[:HEAD_BYTES]):
                     continue
                 found.append(ListedController(key_of(path), path.stat().st_mtime))
             except (InputError, OSError):

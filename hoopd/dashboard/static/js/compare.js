@@ -14,6 +14,7 @@ const MEASURES = {
   cost: { label: 'smaller cost of the design (torque is charged)', result: 'cost', name: 'cost', row: 'cost of a tick' },
 };
 const CONFIRM_MS = 15000;
+const READ_MS = 700;
 const VERDICTS = {
   better: ['good', 'The candidate is better.'], worse: ['bad', 'The candidate is worse.'],
   'not told apart': ['', 'They cannot be told apart.'], 'went back': ['bad', 'The candidate was taken back.'], stopped: ['bad', 'The run was cut short.'],
@@ -103,10 +104,11 @@ export class Compare {
 
   /** One click takes what is better; what is not is asked for once more. */
   decide() {
-    const { last } = this, sure = last.verdict === 'better' || Date.now() - (this.askedAt ?? 0) < CONFIRM_MS;
+    const { last } = this, since = Date.now() - (this.askedAt ?? 0), sure = last.verdict === 'better' || since < CONFIRM_MS;
+    if (last.verdict !== 'better' && since < READ_MS) return undefined; // a double click reads nothing
     if (sure) {
       this.askedAt = 0;
-      return this.send('Candidate accepted', 'decide', { accept: true, anyway: last.verdict !== 'better' });
+      return this.send('Candidate accepted', 'decide', { accept: true, key: last.candidate, anyway: last.verdict !== 'better' });
     }
     this.askedAt = Date.now();
     say(this.decided, `By the ${MEASURES[last.judged_by].name} the candidate is not better (${last.verdict}). Click again within ${CONFIRM_MS / 1000} s to accept it all the same.`);
@@ -116,6 +118,7 @@ export class Compare {
   begin() {
     const bad = this.fields.map(one => one.querySelector('input')).find(input => !input.checkValidity());
     if (bad) return bad.reportValidity();
+    this.askedAt = 0;
     return this.send('Comparison begun', 'begin', { device: this.page.device.identity, key: this.choice.value, by: this.by.value, ...this.numbers, seed: Math.floor(Math.random() * 65536) });
   }
 

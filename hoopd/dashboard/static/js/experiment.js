@@ -63,7 +63,7 @@ export class Experiment {
       return;
     }
     this.build(kind, values);
-    say(this.state, `As the diagnosis proposes: ${planned.reason || `to tell ${planned.tells_apart.join(' from ')}`}.`);
+    say(this.state, `As the diagnosis proposes: ${(planned.reason || `to tell ${planned.tells_apart.join(' from ')}`).replace(/\.$/, '')}.`);
   }
 
   async begin() {
