@@ -94,6 +94,7 @@ def test_whoever_is_not_logged_in_changes_nothing(web: Served) -> None:
     assert told(web)["jobs"] == []
 
 
+@pytest.mark.realtime  # in the idle class: beside other tests it gets no processor
 def test_a_job_runs_shows_what_it_wrote_and_is_written_down(folder: Path, tmp_path: Path) -> None:
     settings, audit = controlled(tmp_path), tmp_path / "audit.jsonl"
     operators = Operators({settings.endpoint: (settings.control_endpoint, settings.control_zenoh)})
