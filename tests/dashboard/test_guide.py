@@ -31,6 +31,8 @@ from hoopd.shell.config import Vision
 from hoopd.shell.live_picture import LivePicture
 from hoopd.shell.pictures import Analysed
 
+pytestmark = pytest.mark.realtime  # the rig's pictures come by the clock
+
 ABOUT = About((SIDE, SIDE), (240.0, 240.0, 182.0), 0.0, 23.0, 70.0)
 
 
