@@ -13,16 +13,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import typer
 
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
 from hoopd.commands.output import check_json
 from hoopd.files.reading import InputError
-from hoopd.files.whole_files import file_bytes, replace_file
+from hoopd.files.whole_files import replace_file
 from hoopd.learn.belief import Belief
-from hoopd.learn.campaign import Campaign, CampaignRequest, DiagnosedRun, RunFiles
+from hoopd.learn.campaign import (
+    Campaign,
+    CampaignRequest,
+    DiagnosedRun,
+    RunFiles,
+    read_json,
+    recorded_s,
+    write_json,
+)
 from hoopd.learn.choice import ChosenRun
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
 from hoopd.plants.layout import layout_of
@@ -140,7 +147,8 @@ class Steps:
             ]
             figure = self.campaign.folder / "comparison.png"
             self.command([*words, "--figure", figure, "--json", path], self.campaign.folder / "comparison.log", (0, 1))
-        return _json(path)
+        compared: dict[str, Any] = read_json(path, dict[str, Any])
+        return compared
 
 
 def learn(options: LearnOptions) -> None:
@@ -254,9 +262,10 @@ def _one_run(steps: Steps, runs: Sequence[DiagnosedRun], choice: ChosenRun) -> N
     number = len(runs) + 1
     files = steps.campaign.run_files(number)
     steps.record(files, choice, number)
-    seconds = float(_json(files.experiment)["ended_at_s"] or 0.0)
+    seconds = recorded_s(files)
     if seconds < LEAST_S:
-        raise StepError(f"run {number} lasted {seconds:.1f} s: {_json(files.experiment)['outcome']}")
+        outcome = read_json(files.experiment, dict[str, Any])["outcome"]
+        raise StepError(f"run {number} lasted {seconds:.1f} s: {outcome}")
     steps.diagnose(files, [*(one.files.recording for one in runs), files.recording], number)
 
 
@@ -318,7 +327,7 @@ def _tell(
     result |= {"story": str(campaign.story), "model": str(runs[-1].files.model) if runs else None}
     if runs:
         replace_file(campaign.story, story(runs, result, comparison))
-    replace_file(campaign.result, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
+    write_json(campaign.result, result)
 
 
 def _set_aside(path: Path) -> None:
@@ -328,11 +337,3 @@ def _set_aside(path: Path) -> None:
         while (other := path.with_name(f"broken_{number}.mcap")).exists():
             number += 1
         path.replace(other)
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        found: dict[str, Any] = msgspec.json.decode(file_bytes(path), type=dict)
-    except msgspec.MsgspecError as error:
-        raise InputError(path, "", str(error)) from None
-    return found

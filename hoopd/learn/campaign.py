@@ -110,10 +110,10 @@ class Campaign:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(self.folder, "--out", (error.strerror or "cannot be made").lower()) from None
-        _write(path, asked)
+        write_json(path, asked)
 
     def _check_same(self, asked: CampaignRequest, path: Path) -> None:
-        before = _read(path, CampaignRequest)
+        before = read_json(path, CampaignRequest)
         for name in CampaignRequest.__struct_fields__:
             if getattr(before, name) != getattr(asked, name):
                 told = f"was begun with {getattr(before, name)!r}, not {getattr(asked, name)!r}: another --out"
@@ -127,7 +127,7 @@ class Campaign:
         """Every run that has been diagnosed, in their order."""
         found: list[DiagnosedRun] = []
         while (files := self.run_files(len(found) + 1)).diagnosis.exists():
-            choice = _read(files.choice, ChosenRun)
+            choice = read_json(files.choice, ChosenRun)
             diagnosis = parse(file_bytes(files.diagnosis), files.diagnosis)
             kinds = {one.choice.words for one in found} | {choice.words}
             belief = belief_of(diagnosis, confidence, len(kinds))
@@ -138,7 +138,7 @@ class Campaign:
         """What is recorded next: what was chosen before it was broken off, or what the last diagnosis asks for."""
         files = self.run_files(len(runs) + 1)
         if files.choice.exists():
-            chosen: ChosenRun = _read(files.choice, ChosenRun)
+            chosen: ChosenRun = read_json(files.choice, ChosenRun)
             return chosen
         played = [one.choice.words for one in runs]
         choice = next_choice(runs[-1].diagnosis, runs[-1].belief, played) if runs else first()
@@ -149,12 +149,12 @@ class Campaign:
     def decide(self, files: RunFiles, choice: ChosenRun) -> None:
         """Write down what is recorded and why."""
         files.folder.mkdir(exist_ok=True)
-        _write(files.choice, choice)
+        write_json(files.choice, choice)
 
     def keep(self, files: RunFiles, choice: ChosenRun, seconds: float) -> None:
         """A run that somebody else has recorded: what it is, and how long."""
         self.decide(files, choice)
-        _write(files.experiment, {"ended_at_s": seconds})
+        write_json(files.experiment, {"ended_at_s": seconds})
 
     @property
     def controller(self) -> Path:
@@ -184,11 +184,11 @@ class Campaign:
 
 def recorded_s(files: RunFiles) -> float:
     """Seconds that a run took, from its experiment's own words."""
-    told = _read(files.experiment, dict[str, Any])
+    told = read_json(files.experiment, dict[str, Any])
     return float(told["ended_at_s"] or 0.0)
 
 
-def _read(path: Path, kind: Any) -> Any:
+def read_json(path: Path, kind: Any) -> Any:
     """A JSON file that this program wrote; InputError where somebody spoiled it."""
     try:
         return msgspec.json.decode(file_bytes(path), type=kind)
@@ -196,5 +196,6 @@ def _read(path: Path, kind: Any) -> Any:
         raise InputError(path, "", str(error)) from None
 
 
-def _write(path: Path, value: Any) -> None:
+def write_json(path: Path, value: Any) -> None:
+    """The whole file or none."""
     replace_file(path, msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")

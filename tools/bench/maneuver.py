@@ -136,25 +136,32 @@ def true_contact(folder: Path, rig: SealedRig) -> float:
     return float(np.min(((p["Ro"] - p["Rb"]) * state.dpsi**2 + p["g"] * np.cos(state.psi)) / p["g"]))
 
 
-def feasible(folder: Path) -> bool:
-    """Whether a loop can be planned with everything known."""
+def feasible(folder: Path, kind: str = "loop") -> bool:
+    """Whether one can be planned with everything known."""
     with contextlib.suppress(InputError, ValueError):
-        planned(TrajectoryOptions(kind="loop", model=folder / "sealed.yaml"))
+        planned(TrajectoryOptions(kind=kind, model=folder / "sealed.yaml"))
         return True
     return False
 
 
 def run_rig(seed: int, arms: list[str]) -> dict[str, Any]:
     """One rig, all its arms."""
-    rig, began = sealed_rig(seed), time.perf_counter()
+    return attempted(sealed_rig(seed), arms, "loop", looped)
+
+
+def attempted(
+    rig: SealedRig, arms: list[str], kind: str, attempt: Callable[[SealedRig, Path, Path, str], dict[str, Any]]
+) -> dict[str, Any]:
+    """One rig recorded, and a maneuver of this kind attempted with the model of each arm."""
+    began = time.perf_counter()
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
         folder = Path(name)
         rig.write(folder / "sealed.yaml")
-        row: dict[str, Any] = {"seed": seed, "effects": rig.effects, "feasible": feasible(folder), "arms": {}}
-        files = recorded(rig, folder)
+        row: dict[str, Any] = {"seed": rig.seed, "effects": rig.effects, "feasible": feasible(folder, kind), "arms": {}}
+        files = recorded(rig, folder) if arms != ["nominal"] else []
         for arm in arms:
             try:
-                row["arms"][arm] = looped(rig, ARMS[arm](files, folder), folder, arm)
+                row["arms"][arm] = attempt(rig, ARMS[arm](files, folder), folder, arm)
             except (InputError, ValueError) as error:
                 row["arms"][arm] = {"success": False, "why": f"no model: {str(error)[:80]}"}
     row["seconds"] = round(time.perf_counter() - began, 1)

@@ -13,13 +13,9 @@ intervals.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import json
 import os
 import sys
-import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +26,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
-from maneuver import ARMS, Options, judged, recorded, show  # noqa: E402
+from maneuver import Options, attempted, judged, show  # noqa: E402
 from sealedrigs.rigs import SealedRig, sealed_rig  # noqa: E402
 
 from hoopd.commands.design import run as design  # noqa: E402
@@ -83,29 +79,9 @@ def loose_s(folder: Path, rig: SealedRig) -> float:
     return float(np.sum(free) * np.median(np.diff(state.t)))
 
 
-def feasible(folder: Path) -> bool:
-    """Whether a throw can be planned with everything known."""
-    with contextlib.suppress(InputError, ValueError):
-        planned(TrajectoryOptions(kind="throw", model=folder / "sealed.yaml"))
-        return True
-    return False
-
-
 def run_rig(seed: int, arms: list[str]) -> dict[str, Any]:
     """One rig, all its arms."""
-    rig, began = bouncing_rig(seed), time.perf_counter()
-    with tempfile.TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
-        folder = Path(name)
-        rig.write(folder / "sealed.yaml")
-        row: dict[str, Any] = {"seed": seed, "effects": rig.effects, "feasible": feasible(folder), "arms": {}}
-        files = recorded(rig, folder) if arms != ["nominal"] else []
-        for arm in arms:
-            try:
-                row["arms"][arm] = thrown(rig, ARMS[arm](files, folder), folder, arm)
-            except (InputError, ValueError) as error:
-                row["arms"][arm] = {"success": False, "why": f"no model: {str(error)[:80]}"}
-    row["seconds"] = round(time.perf_counter() - began, 1)
-    return row
+    return attempted(bouncing_rig(seed), arms, "throw", thrown)
 
 
 def main() -> None:
