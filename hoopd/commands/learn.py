@@ -41,7 +41,7 @@ from hoopd.shell.child import end_with_parent
 Progress = Callable[[str], None]
 # Whether this may be played on a device.
 MayPlay = Callable[[str], bool]
-QUIETLY = ("--speed", "max", "--camera", "direct", "--set", "log.level=error")
+QUIETLY = ("--camera", "direct", "--set", "log.level=error")
 # What a run takes beside its signal: until everything is well, and braking.
 AROUND_S = 2.0
 LEAST_S = 5.0  # of a recording that is worth a diagnosis
@@ -98,6 +98,7 @@ class Steps:
             *self.place(),
         ]
         told = files.folder / ".experiment.json"
+        words += ["--speed", "max"] if self.options.sim else []  # a comparison on the rig is fast by itself
         words += ["--out", str(files.recording), "--json", str(told)]
         self.command(words, files.folder / "experiment.log", (0, 1), seen=not self.options.sim)
         told.replace(files.experiment)
@@ -134,12 +135,11 @@ class Steps:
         path = self.campaign.comparison
         if not path.exists():
             self.progress("trying the new controller against the old one")
-            place = [word for word in self.place() if word not in ("--speed", "max")]
             words: list[str | Path] = [
                 "compare",
                 accepted,
                 self.campaign.controller,
-                *place,
+                *self.place(),
                 "--by",
                 BY,
                 "--seed",

@@ -16,10 +16,11 @@ from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.finding_standings import Standing, Standings
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
 from hoopd.diagnose.proof.not_excluded import Separation
-from hoopd.diagnose.proof.probabilities import PARAMETERS, Option, likely
+from hoopd.diagnose.proof.probabilities import Option, likely
 from hoopd.diagnose.proof.unknown_proof import Proven
 from hoopd.diagnose.record import (
     NONE_OF_THESE,
+    PARAMETERS,
     Ablation,
     Base,
     Candidate,

@@ -19,8 +19,9 @@ Verdict = Literal["consistent", "parameters", "missing_physics", "unknown_physic
 Status = Literal["confirmed", "weak", "untested", "not_confirmed"]
 # A number that may not be determined; NaN and infinities become None on the way out.
 Number = float | None
-# Among the candidates: what no name explains.
+# Among the candidates: what no name explains, and re-estimated parameters with nothing else.
 NONE_OF_THESE = "none of these"
+PARAMETERS = "parameters"
 
 
 def _not_determined() -> None:

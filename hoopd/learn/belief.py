@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
+from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding
 
-PARAMETERS = "parameters"
 # Nothing is missing: one signal alone may never have reached what it acts on, and too little is seen in a single run.
 QUIET_KINDS = 3
 # A candidate that is so surprising, in nats, is looked for: the best of thirty is by chance in two of five recordings.

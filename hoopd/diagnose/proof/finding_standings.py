@@ -13,7 +13,6 @@ from math import log
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
 from hoopd.diagnose.proof.probabilities import (
     MOST_NATS,
-    PARAMETERS,
     UNLISTED,
     Likely,
     Option,
@@ -23,7 +22,7 @@ from hoopd.diagnose.proof.probabilities import (
 )
 from hoopd.diagnose.proof.remainder import Remainder, explained, remainder
 from hoopd.diagnose.proof.rivals_in_place import EffectTakenOut, nearest
-from hoopd.diagnose.record import NONE_OF_THESE
+from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
 from hoopd.diagnose.search.candidates import surprise_of
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.naming import Named

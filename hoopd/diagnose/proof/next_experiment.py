@@ -18,7 +18,7 @@ import numpy as np
 from hoopd.diagnose.proof.experiment_menu import Entry, command, entries
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, nats_seen, rows_beside, rows_of, without_effect
-from hoopd.diagnose.record import NextExperiment, Quantity
+from hoopd.diagnose.record import PARAMETERS, NextExperiment, Quantity
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.screen import Member
 from hoopd.plants.declaration import Plant
@@ -34,8 +34,6 @@ from hoopd.plants.likelihood.stretches import Held, Stretch
 ERRORS = 2.0
 # The best of some thirty candidates is beyond it by chance in one recording of five: 30 exp(-5).
 WORTH_A_LOOK_NATS = 5.0
-# The rival of a candidate that was not named: parameters alone.
-PARAMETERS = "parameters"
 # What the recording to come is called.
 NEXT = "the next recording"
 

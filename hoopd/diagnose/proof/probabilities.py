@@ -19,10 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoopd.diagnose.record import NONE_OF_THESE
+from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
 
-# Re-estimated parameters and nothing else: as an explanation, called so.
-PARAMETERS = "parameters"
 # Odds beyond this are certainty.
 MOST_NATS = 50.0
 # Beliefs before any data, of about what tuning seeds of the proof showed. Where nothing is found, one time in five

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.curves.unknown_effects import Survey
 from hoopd.diagnose.proof.not_excluded import late_together
-from hoopd.diagnose.proof.probabilities import PARAMETERS, Option
+from hoopd.diagnose.proof.probabilities import Option
 from hoopd.diagnose.proof.separation import own_columns, without_effect
-from hoopd.diagnose.record import NONE_OF_THESE
+from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
 from hoopd.diagnose.search.candidates import Tried, columns_of, surprise_of
 from hoopd.diagnose.search.chance import colour
 from hoopd.diagnose.search.mechanism_screen import COLOURED, MechanismScreen, ProposedMechanism

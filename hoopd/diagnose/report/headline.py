@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hoopd.diagnose.proof.probabilities import PARAMETERS
-from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
+from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
 from hoopd.diagnose.report.sentences import each_fit, none_of_them
 from hoopd.plots.number_format import chance, listed, nats, percent, safe, value_text
 
