@@ -201,6 +201,10 @@ class Health:
         """Active faults in table order."""
         return self._active
 
+    def halting(self) -> tuple[str, ...]:
+        """Names of the active faults that keep the law from acting, or ended it."""
+        return tuple(fault.name for fault in self._active if fault.action >= Action.PAUSE)
+
     def action(self) -> Action:
         """The strongest action of all active faults."""
         return max((fault.action for fault in self.active()), default=Action.NOTE)
@@ -234,6 +238,8 @@ class Health:
     def follow(self, levels: Mapping[str, Level] | None, ball: BallMotion | None, hoop: HoopMotion | None) -> None:
         """Another model from now on: what was held against the device by the old one is over."""
         self.drift = Drift(levels)
+        self._counts["model_drift"] = _Count(BY_NAME["model_drift"])
+        self._look()
         self._pictures.follow(ball)
         self._encoder.follow(hoop)
 

@@ -7,6 +7,7 @@ Disarm and stop have a row in every mode, also where they change nothing, so tha
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 
 
@@ -81,3 +82,9 @@ def next_mode(mode: Mode, events: frozenset[Event]) -> Mode:
         if event in events and (mode, event) in TRANSITIONS:
             return TRANSITIONS[mode, event]
     return mode
+
+
+def mode_words(mode: str, because: Iterable[str]) -> str:
+    """The mode as a refusal names it, with the faults behind it: nobody has to look for them elsewhere."""
+    faults = ", ".join(because)
+    return f"the mode is {mode}" + (f" ({faults})" if faults else "")

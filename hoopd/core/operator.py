@@ -11,7 +11,7 @@ from math import isfinite
 from typing import Any, Protocol
 
 from hoopd.core.health import Health
-from hoopd.core.modes import ENERGISED, REVOKING, Event, Mode
+from hoopd.core.modes import ENERGISED, REVOKING, Event, Mode, mode_words
 from hoopd.core.records import Command
 from hoopd.core.succession import NAMES as CHANGES
 from hoopd.core.succession import TRIAL, Succession
@@ -123,7 +123,7 @@ class Operator:
         elif value == 0.0:
             self._drive(0.0)
         elif mode is not Mode.RUNNING:
-            self._refuse(SPEED, f"the mode is {mode}")
+            self._refuse(SPEED, mode_words(mode, self._health.halting()))
         elif self._succession.purpose == TRIAL:
             self._refuse(SPEED, ON_TRIAL)
         elif limit == 0.0:
@@ -151,7 +151,7 @@ class Operator:
     def _acknowledged(self, mode: Mode) -> Event | None:
         """The wish to arm or to clear, once nothing forbids it; what the board latched is cleared meanwhile."""
         if self._wish and mode in ENERGISED:
-            self._refuse_wish(f"the mode is {mode}")
+            self._refuse_wish(mode_words(mode, self._health.halting()))
         if self._wish == "arm" and self._ending:
             self._refuse_wish(ENDING)
         if not self._wish:

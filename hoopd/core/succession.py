@@ -20,7 +20,7 @@ from math import inf, isfinite
 
 from hoopd.core.controllers import DONE, Successor
 from hoopd.core.installed import Demanded, Filter, Installed
-from hoopd.core.modes import Mode
+from hoopd.core.modes import Mode, mode_words
 from hoopd.core.records import Command, Estimate
 from hoopd.core.shadow import SHADOW_S, Shadow
 from hoopd.core.trial import BASELINE_S, LEAST_BASELINE_S, LawTrial, References, RunningCost, cost_of
@@ -57,13 +57,19 @@ class _Waiting:
 class Succession:
     """The controllers of a tick."""
 
-    def __init__(self, first: Installed, tell: Callable[..., None], make: Make | None = None) -> None:
-        """`make`: None where nothing can be loaded."""
+    def __init__(
+        self,
+        first: Installed,
+        tell: Callable[..., None],
+        make: Make | None = None,
+        because: Callable[[], tuple[str, ...]] = tuple,
+    ) -> None:
+        """`make`: None where nothing can be loaded; `because`: the faults behind the mode, for who is refused."""
         self.acting = self.accepted = first
         self.limit_nm = first.torque_nm  # what the drive may be asked for at most, in this run
         self.since = 0.0  # s, run time: the acting one acts since then
         self.purpose = CONTROLLER  # what the acting one was loaded for
-        self._tell, self._make = tell, make
+        self._tell, self._make, self._because = tell, make, because
         self._waiting: _Waiting | None = None
         self._trial: LawTrial | None = None
         self._began = False  # what was loaded in READY has acted
@@ -142,7 +148,7 @@ class Succession:
         if self._make is None:
             raise ValueError("this run loads none")
         if mode not in ALLOWED[command.name]:
-            raise ValueError(f"the mode is {mode}")
+            raise ValueError(self._in_mode(mode))
         if self._trial is not None or self.acting is not self.accepted:
             raise ValueError(f"{self.acting.label.name} is on {self.purpose}: accept or revert it first")
         if self._waiting is not None:
@@ -161,7 +167,7 @@ class Succession:
             wanted = "an excitation" if purpose == EXPERIMENT else "a law that holds the ball"
             raise ValueError(f"{made.label.name} is not {wanted}")
         if other and (purpose == EXPERIMENT or mode is Mode.READY):
-            raise ValueError(f"{made.label.name} was designed on another model or filter: the mode is {mode}")
+            raise ValueError(f"{made.label.name} was designed on another model or filter: {self._in_mode(mode)}")
         if purpose == TRIAL and self._baseline.seconds < LEAST_BASELINE_S:
             raise ValueError(f"the accepted law has to act for {LEAST_BASELINE_S:g} s first")
         if mode is not Mode.RUNNING:
@@ -191,9 +197,9 @@ class Succession:
         self._baseline.clear()
         if self._waiting is not None:
             purpose, self._waiting = self._waiting.purpose, None
-            self._refuse(purpose, f"the mode is {mode}")
+            self._refuse(purpose, self._in_mode(mode))
         if self.acting is not self.accepted and (self._began or mode is not Mode.READY):
-            self._back(t, f"the mode is {mode}")
+            self._back(t, self._in_mode(mode))
 
     def next(
         self,
@@ -272,6 +278,9 @@ class Succession:
         self._trial, self._reverted = None, False
         self._baseline.clear()
         self._tell(name, level, file=left, reason=reason, back_to=self.acting.label.name)
+
+    def _in_mode(self, mode: Mode) -> str:
+        return mode_words(mode, self._because())
 
     def _refuse(self, command: str, reason: str) -> None:
         self._tell("command_refused", "warning", command=command, reason=reason)

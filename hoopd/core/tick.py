@@ -84,7 +84,8 @@ class Tick:
         first = Installed(controller, self._filter, limiter.torque_nm, limiter.slew_nm_per_tick, label=label)
         self.health = Health(thresholds, settings.period_s, levels, ball, hoop)
         self.mode = Mode.DISARMED
-        self.succession = Succession(first, self._note, make)
+        self.because: tuple[str, ...] = ()  # faults that led to this mode, whether they last or not
+        self.succession = Succession(first, self._note, make, self.health.halting)
         self.operator = Operator(self.health, self.succession, settings.reference_limit_rad, self._note)
         self._bridge = Bridge()
         self._sent = Sent(0.0, 0.0, 0)
@@ -168,8 +169,10 @@ class Tick:
         if self.mode is not Mode.RUNNING:
             self.operator.release()
         level = "error" if self.mode is Mode.FAULT else "info"
-        causes = [fault.name for fault in self.health.active() if fault.action >= Action.PAUSE]
-        self._note("mode", level, mode=str(self.mode), was=str(before), because=causes)
+        causes = self.health.halting()
+        # what led to a stop led to its end, too, though it may be over by then
+        self.because = tuple(dict.fromkeys((*self.because, *causes))) if before is Mode.STOPPING else causes
+        self._note("mode", level, mode=str(self.mode), was=str(before), because=list(causes))
 
     def _torque(self, inputs: Inputs, estimate: Estimate) -> float:
         if self.mode is Mode.RUNNING:

@@ -88,6 +88,7 @@ def status(loop: Loop, recorder: RecorderSink | None, ranges: Mapping[str, Range
     return {
         "faults": loop.tick.faults,
         "causes": causes(loop),
+        "because": loop.tick.because,
         "arming": _arming(loop),
         "reference_limit": loop.tick.settings.reference_limit_rad,
         "speed_limit": loop.tick.operator.speed_limit,

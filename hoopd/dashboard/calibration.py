@@ -21,7 +21,6 @@ from starlette.routing import Route
 from hoopd.dashboard.feed import Connection, Feed
 from hoopd.dashboard.pictures import message_of
 from hoopd.files.yaml_text import text_of
-from hoopd.shell.live_picture import LONGEST_PX
 from hoopd.shell.session import device_key
 from hoopd.vision.calibration import NO_PERSPECTIVE, TILT_NOTE_RAD, CalibrationError, Proposal, propose
 
@@ -72,7 +71,7 @@ def _answer(connection: Connection, key: str) -> dict[str, Any]:
             return {"ok": False, "reason": NO_PICTURE}
         about = msgspec.json.decode(head, type=About)
         picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-        if picture is None or max(picture.shape[:2]) > LONGEST_PX:
+        if picture is None:
             return {"ok": False, "reason": "what came is no picture of ours"}
         found = propose(np.asarray(picture, np.uint8))
     except CalibrationError as error:

@@ -15,9 +15,11 @@ from typing import Any
 
 import msgspec
 
-from hoopd.dashboard.history import History, Numbers
+from hoopd.core.modes import mode_words
+from hoopd.dashboard.history import WORD_CHARACTERS, History, Numbers
 
 EVENTS = 200  # kept: what happened in the last minutes of a bad day
+FAULTS = 8  # that are named behind a mode
 MESSAGE_BYTES = 65536  # more than a daemon of ours would send
 STEP_S = 2.0  # a run time that disagrees with the wall clock by more: a clock that was set, and no burst
 
@@ -59,6 +61,17 @@ class ShownDevice:
     def identity(self) -> str:
         """What tells it from every other on the page."""
         return f"{self.name}@{self.endpoint}"
+
+    @property
+    def mode(self) -> str:
+        """Of its newest tick; empty when none has come."""
+        with self._lock:
+            return self.history.word("mode")
+
+    @property
+    def mode_words(self) -> str:
+        """Its mode with the faults behind it, as a refusal names it."""
+        return mode_words(self.mode or "unknown", fault_names(self.status.get("because")))
 
     def presence(self, alive: bool) -> None:
         """Its session is there, or gone."""
@@ -135,6 +148,11 @@ class ShownDevice:
             self._offset_s = now_s - t
         self._newest_s = max(self._newest_s, t + self._offset_s)  # a clock that is set back draws no line backwards
         return self._newest_s
+
+
+def fault_names(told: Any) -> list[str]:
+    """Names that a device told, as far as they are some."""
+    return [str(name)[:WORD_CHARACTERS] for name in told[:FAULTS]] if isinstance(told, list) else []
 
 
 def _decoded(payload: bytes) -> dict[str, Any] | None:

@@ -23,10 +23,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from hoopd.core.succession import EXPERIMENT
+from hoopd.core.modes import mode_words
+from hoopd.core.succession import ALLOWED, EXPERIMENT
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.comparisons import accepted_by
-from hoopd.dashboard.device import Seen, ShownDevice
+from hoopd.dashboard.device import Seen, ShownDevice, fault_names
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Login, Operators
 from hoopd.dashboard.orders import WrittenOrders
@@ -36,7 +37,7 @@ from hoopd.dashboard.work.controllers import SIGNAL
 from hoopd.dashboard.work.recordings import Recordings
 from hoopd.files.controller_folder import parse_key
 from hoopd.files.reading import InputError, read_text
-from hoopd.recording.mcap import read_run
+from hoopd.recording.mcap import read_header
 
 MAKE_S, CUT_S = 60.0, 60.0
 LOOK_S = 0.1
@@ -115,6 +116,8 @@ class Experiments:
             raise InputError("experiment", "", NO_FOLDER)
         controllers, accepted = self._bench.controllers, accepted_by(device)
         controllers.text(accepted)  # it lies there, and is the one that acts
+        run, asked = device.run, time.time()
+        check_playable(device, run, asked)
         with self._lock:
             if self._told is not None and self._told["state"] in ("making", "playing"):
                 raise InputError("experiment", "", "another signal is being played")
@@ -124,6 +127,7 @@ class Experiments:
             seen = Seen(row=device.history.count)
             device.news(seen, 0)  # what was before is no news
             try:
+                check_playable(device, run, asked)  # it took seconds: meanwhile somebody may have stopped it
                 answer = self._operators.command(login, device.endpoint, device.name, EXPERIMENT, None, key)
             finally:
                 controllers.drop(key)
@@ -187,6 +191,22 @@ class Experiments:
             self._told = {**(self._told or {}), **changes}
 
 
+def check_playable(device: ShownDevice, run: str, since_s: float) -> None:
+    """InputError unless a device could play a signal all the time from a moment on, in the same run.
+
+    Who stopped it meanwhile and armed it again expects no signal any more.
+    """
+    if device.run != run:
+        raise InputError("experiment", "", "the daemon was started again meanwhile: nothing was played")
+    told = [one.get("fields") for one in device.events_since(since_s) if one.get("event") == "mode"]
+    left = [one for one in told if isinstance(one, dict) and one.get("mode") not in ALLOWED[EXPERIMENT]]
+    if left:
+        words = mode_words(str(left[-1].get("mode")), fault_names(left[-1].get("because")))
+        raise InputError("experiment", "", f"{words.replace(' is ', ' was ')} while it was planned: nothing was played")
+    if device.mode not in ALLOWED[EXPERIMENT]:
+        raise InputError("experiment", "", f"{device.mode_words}: arm it first")
+
+
 def recording_of(device: ShownDevice, recordings: Recordings) -> Path:
     """The file that a device tells that it writes; InputError when the page's folder does not hold that very one.
 
@@ -201,7 +221,7 @@ def recording_of(device: ShownDevice, recordings: Recordings) -> Path:
         path = recordings.path(name)
     except InputError:
         raise elsewhere from None
-    if read_run(path, ()).header.session != device.run:
+    if read_header(path).session != device.run:
         raise elsewhere
     return path
 

@@ -57,6 +57,12 @@ class History:
                 target[place] = value
         self.count += 1
 
+    def word(self, name: str) -> str:
+        """The newest row's text of a channel; empty when it has none."""
+        known, column = self.words.get(name, []), self._columns.get(name)
+        number = column[(self.count - 1) % self._rows] if column is not None and self.count else np.nan
+        return known[int(number)] if number < len(known) else ""
+
     def since(self, row: int, at_most: int) -> tuple[int, list[list[float]]]:
         """Rows from a number on, the newest ones when there are more; with the number of the first."""
         first = max(row, self.first, self.count - at_most)

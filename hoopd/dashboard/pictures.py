@@ -1,7 +1,8 @@
 """The live picture on its way to a browser: a WebSocket that is open as long as somebody looks.
 
 Rules of this file: nothing is subscribed to without a browser that takes it; of several pictures the newest alone is
-sent, and a browser that is slow misses the others. What it sends is not read.
+sent, and a browser that is slow misses the others. What it sends is not read. A picture that would be larger than ours,
+once decoded, goes to no decoder: neither a browser's nor the calibration's.
 """
 
 from __future__ import annotations
@@ -9,22 +10,33 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import zenoh
+from msgspec import Meta
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hoopd.dashboard.device import ShownDevice
 from hoopd.dashboard.feed import Connection, Feed
 from hoopd.dashboard.live import BUSY, STALLED_S
+from hoopd.shell.live_picture import LONGEST_PX
 from hoopd.shell.session import device_key
+from hoopd.vision.jpeg_size import jpeg_size
 
 VIEWS = ("camera", "threshold")
 LOOKERS = 8
 POLL_S = 0.02
 JPEG_BYTES = 1_000_000  # a picture of ours has some thirty thousand
 ABOUT_BYTES = 4096
+CameraSide = Annotated[int, Meta(ge=1, le=4096)]  # px; no camera of a configuration is larger
 UNKNOWN = 1008  # RFC 6455, 7.4.1: policy violation
+
+
+class CameraSize(msgspec.Struct):
+    """What the attachment says of the camera's own picture, on which the page draws."""
+
+    size_px: tuple[CameraSide, CameraSide]
 
 
 class Pictures:
@@ -93,8 +105,20 @@ def message_of(sample: zenoh.Sample | None) -> bytes:
         return b""
     if len(sample.payload) > JPEG_BYTES or len(sample.attachment) > ABOUT_BYTES:
         return b""
-    about = sample.attachment.to_bytes()
-    return b"" if b"\n" in about else about + b"\n" + sample.payload.to_bytes()
+    about, jpeg = sample.attachment.to_bytes(), sample.payload.to_bytes()
+    return about + b"\n" + jpeg if b"\n" not in about and _fits(about, jpeg) else b""
+
+
+def _fits(about: bytes, jpeg: bytes) -> bool:
+    """Whether both pictures, the one that is decoded and the camera's that is drawn, are of a size that ours have."""
+    size = jpeg_size(jpeg)
+    if size is None or max(size) > LONGEST_PX:
+        return False
+    try:
+        msgspec.json.decode(about, type=CameraSize)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return False
+    return True
 
 
 async def _gone(socket: WebSocket) -> None:

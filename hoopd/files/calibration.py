@@ -8,6 +8,7 @@ somebody who writes the hash anew). It may set the keys of `KEYS` and no others.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
@@ -133,8 +134,12 @@ class Calibrations:
 
     def _files(self) -> tuple[tuple[str, int, int, int], ...]:
         """Name, size and times of every file; whatever is written to one, the last of them is another."""
-        found = ((path.name, path.lstat()) for path in self.folder.iterdir())
-        return tuple(sorted((name, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns) for name, stat in found))
+        found = []
+        for path in self.folder.iterdir():
+            with contextlib.suppress(FileNotFoundError):  # gone since it was listed, as what `new_file` writes to
+                stat = path.lstat()
+                found.append((path.name, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns))
+        return tuple(sorted(found))
 
     def _listed(self) -> Iterator[ListedCalibration]:
         before: AcceptedCalibration | None = None

@@ -31,6 +31,8 @@ from hoopd.recording.schemas import CHANNELS, DESCRIBED, TOPIC_PREFIX, LogEvent,
 PROFILE = "hoopd"  # in the file's own header: how a run of ours is told from other MCAP files
 HEADER = "hoopd.header/1"
 MAX_FILE_BYTES = 2**31  # two days in one file; the quota of all of them is as large
+# The header comes before the first row; each of its four texts is a file of 1 MiB at most.
+HEADER_BYTES = 2**23
 SHOWN_CHARS = 40  # of a number that is none
 FLUSH_S = 0.25  # a killed daemon loses at most what came since the last flush
 _SECRET = re.compile(r"""(\bpassword["']?\s*:\s*)("[^"]*"|'[^']*'|[^\s,}#]+)""")
@@ -190,6 +192,20 @@ def read_run(path: Path, channels: Iterable[str] = tuple(CHANNELS)) -> RecordedR
     return RecordedRun(header, found["input"], found["tick"], found["event"], describe_loss(scan), zero_ns or 0)
 
 
+def read_header(path: Path) -> Header:
+    """What a run was made with, from the beginning of its file alone; InputError when it is no run of ours."""
+    scan = Scan()
+    try:
+        for record in stream(file_bytes(path, HEADER_BYTES), scan):
+            if not isinstance(record, records.Metadata):
+                break
+            if record.name == HEADER:
+                return header_of(record.metadata)
+    except (ValueError, msgspec.MsgspecError) as error:
+        raise InputError(path, "", str(error)) from None
+    raise InputError(path, "", f"no header of hoopd in its first {HEADER_BYTES} bytes")
+
+
 def read(path: Path) -> Recording:
     """Recording of a run's ticks; InputError when it holds none."""
     path = Path(path)
@@ -260,10 +276,11 @@ def _foreign(scan: Scan) -> str:
     return f"not a recording of hoopd; its channels: {', '.join(sorted(set(scan.topics.values()))[:8])}"
 
 
-def file_bytes(path: Path) -> bytes:
+def file_bytes(path: Path, at_most: int = -1) -> bytes:
+    """A recording's bytes, or its first ones; of what is none the few that show it."""
     try:
         with opened(Path(path), MAX_FILE_BYTES) as file:
             head = file.read(len(MCAP0_MAGIC))  # looked at before the rest is in memory
-            return head + file.read() if head == MCAP0_MAGIC else head
+            return head + file.read(at_most) if head == MCAP0_MAGIC else head
     except OSError as error:
         raise InputError(path, "", os_reason(error)) from None

@@ -222,3 +222,13 @@ def test_a_hoop_without_a_ball_implies_its_rows() -> None:
 def test_a_row_that_does_not_exist_cannot_be_accepted() -> None:
     with pytest.raises(ValueError, match="no row 'curent_implausible'"):
         Thresholds(accepted_off=("curent_implausible",))
+
+
+def test_another_model_is_free_of_what_was_held_against_the_one_before() -> None:
+    health = Health(Thresholds(), 0.02)
+    health.raise_now("model_drift")
+    health.raise_now("link_lost")
+    health.follow(None, None, None)
+    assert [fault.name for fault in health.active()] == ["link_lost"] == [*health.halting()]
+    health.raise_now("model_drift")  # the new one may drift as well
+    assert "model_drift" in [fault.name for fault in health.active()]

@@ -108,6 +108,19 @@ def test_an_arm_while_it_brakes_is_refused_and_not_kept() -> None:
     assert rig.run(SETTLED_TICKS)[-1] == "DISARMED"
 
 
+def test_what_ended_control_is_known_after_it_is_over() -> None:
+    rig = running()
+    rig.blind = 10
+    assert "STOPPING" in rig.run(200) and rig.mode == "DISARMED"
+    assert rig.tick.faults == () and rig.tick.because == ("camera_lost",)
+    rig.step("arm")
+    rig.run(SETTLED_TICKS)
+    assert rig.mode == "RUNNING" and rig.tick.because == ()
+    rig.step("stop")
+    rig.run(SETTLED_TICKS)
+    assert rig.mode == "DISARMED" and rig.tick.because == ()
+
+
 @pytest.mark.parametrize("fault", ["silent", "blind"])
 @pytest.mark.parametrize("name", REVOKING)
 def test_a_fault_in_the_same_tick_changes_nothing(fault: str, name: str) -> None:

@@ -130,7 +130,7 @@ def test_a_cut_ends_a_trial() -> None:
     rig = on_trial(Turn(0.025))
     rig.board.condition = True
     rig.run(3)
-    assert rig.mode == "FAULT" and in_force(rig) == "" and returned(rig) == ["the mode is FAULT"]
+    assert rig.mode == "FAULT" and in_force(rig) == "" and returned(rig) == ["the mode is FAULT (board_fault)"]
 
 
 @pytest.mark.parametrize(
@@ -207,6 +207,14 @@ def test_a_disarmed_daemon_plays_nothing() -> None:
     rig.run(2)
     rig.step(load("other", "experiment"))
     assert rig.refused()[-1] == ("experiment", "the mode is DISARMED")
+
+
+def test_who_is_refused_in_a_fault_is_told_which_one() -> None:
+    rig = with_laws(running(), other=named(Turn(0.02)))
+    rig.silent = 20
+    rig.run(5)
+    rig.step(load("other", "experiment"), Command("speed", 1.0))
+    assert set(rig.refused()) == {(name, "the mode is FAULT (link_lost)") for name in ("experiment", "speed")}
 
 
 def test_a_step_of_the_reference_costs_nothing_on_its_way() -> None:

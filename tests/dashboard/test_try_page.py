@@ -100,7 +100,7 @@ def test_a_signal_is_played_and_a_candidate_compared_accepted_and_rolled_back(tm
         assert wait_until(lambda: acting().get("accepted") == "lqg.yaml")
         page.size(390, 844)
         assert page.ask("document.documentElement.scrollWidth - innerWidth") <= 0
-        assert [one for one in page.errors if "400" not in one] == []  # what a busy machine refused
+        assert page.errors == []
     sent = [json.loads(line) for line in (tmp_path / "audit.jsonl").read_text().splitlines()]
     told = {one["command"] for one in sent}
     assert told >= {"experiment prbs", "experiment over", "compare", "trial", "revert", "comparison"}

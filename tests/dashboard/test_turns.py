@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import threading
 import time
@@ -18,10 +19,18 @@ from hoopd.dashboard import experiments
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.comparisons import Comparisons, Decision, ShownComparison, accepted_by
 from hoopd.dashboard.device import Seen, ShownDevice
-from hoopd.dashboard.experiments import SIGNALS, Experiments, SignalOrder, recording_of, words_of_signal
+from hoopd.dashboard.experiments import (
+    SIGNALS,
+    Experiments,
+    SignalOrder,
+    check_playable,
+    recording_of,
+    words_of_signal,
+)
 from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Login, Operators
 from hoopd.dashboard.turns import ComparisonSupervisor
+from hoopd.dashboard.work.bench import Bench
 from hoopd.dashboard.work.recordings import Recordings
 from hoopd.design.alternation import Alternation
 from hoopd.design.comparison import STOPPED, ControllerComparison, WantedCommand
@@ -192,6 +201,58 @@ def test_a_signal_of_whose_end_nothing_is_heard_is_over_in_time(monkeypatch: pyt
     watch.start()
     watch.join(2.0)
     assert ended == ["nothing was heard of its end"]
+
+
+def test_a_signal_is_played_only_by_a_device_that_ran_all_the_while() -> None:
+    device, begun = ShownDevice("hoop", "tcp/127.0.0.1:1"), time.time()
+    status = {"controller": {"purpose": "controller", "file": "a.yaml", "sha256": "cd" * 32, "next": ""}}
+
+    def tell(kind: str, **fields: Any) -> None:
+        device.take(kind, json.dumps(fields).encode(), "a run")
+
+    def why() -> str:
+        try:
+            check_playable(device, "a run", begun)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    tell("status", **status, because=["link_lost"])
+    tell("tick", t=0.0, mode="FAULT")
+    assert why() == "experiment: the mode is FAULT (link_lost): arm it first"
+    tell("tick", t=1.0, mode="RUNNING")
+    tell("event", t=1.0, event="mode", fields={"mode": "READY", "because": ["ball_lost"]})
+    assert why() == ""
+    tell("event", t=1.1, event="mode", fields={"mode": "FAULT", "because": ["link_lost"]})
+    assert why() == "experiment: the mode was FAULT (link_lost) while it was planned: nothing was played"
+    device.take("tick", b"{}", "another run")
+    assert why() == "experiment: the daemon was started again meanwhile: nothing was played"
+
+
+def test_a_signal_is_not_sent_to_a_device_that_was_stopped_while_it_was_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device, sent, feed = ShownDevice("hoop", "tcp/127.0.0.1:1"), list[Any](), Feed([], {})
+    (tmp_path / "a.yaml").write_text("schema: hoopd.controller/1\n")
+    sha256 = hashlib.sha256((tmp_path / "a.yaml").read_bytes()).hexdigest()
+    acting = {"purpose": "controller", "file": "a.yaml", "sha256": sha256, "next": ""}
+    device.take("status", json.dumps({"controller": acting}).encode(), "")
+    device.take("tick", b'{"t":0.0,"mode":"RUNNING"}', "")
+    operators, bench = Operators({}), Bench(tmp_path, tmp_path / "results", tmp_path)
+    monkeypatch.setattr(operators, "command", lambda *order: sent.append(order))
+    monkeypatch.setattr(Feed, "devices", {device.identity: device})
+
+    def planned(*_: Any) -> str:
+        stopped = {"t": 5.0, "event": "mode", "fields": {"mode": "DISARMED", "because": []}}
+        device.take("event", json.dumps(stopped).encode(), "")
+        return bench.controllers.add("signal-prbs-1.yaml", "a signal\n") if bench.controllers else ""
+
+    signals = Experiments(feed, operators, Audit(), bench)
+    monkeypatch.setattr(signals, "_made", planned)
+    with pytest.raises(InputError, match="the mode was DISARMED while it was planned"):
+        signals._begin(Login("operator", {}, 0.0, 0.0), "", SignalOrder(device.identity, "prbs"))
+    assert sent == [] and not list(tmp_path.glob("signal-*"))
+    assert signals._told is not None and signals._told["state"] == "refused"
 
 
 def test_when_an_event_came_is_told_by_this_computer_and_by_no_stranger() -> None:

@@ -90,6 +90,15 @@ def test_what_did_not_change_is_not_hashed_at_every_look(tmp_path: Path, monkeyp
     assert versions.listed()[0].wrong.startswith("0001-circle.jpg: was changed") and len(read) == 2
 
 
+def test_a_file_that_goes_while_the_folder_is_looked_at_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    versions, original = folder(tmp_path), Path.iterdir
+    gone = versions.folder / ".0003.yaml.abc"  # what a version is written to before it has its name
+    monkeypatch.setattr(Path, "iterdir", lambda self: iter([*original(self), gone]))
+    assert [one.number for one in versions.listed()] == [1, 2]
+
+
 def test_one_that_is_missing_or_exchanged_is_noticed_by_the_next(tmp_path: Path) -> None:
     versions = folder(tmp_path)
     (versions.folder / "0001.yaml").unlink()

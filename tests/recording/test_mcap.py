@@ -80,7 +80,26 @@ def test_a_recording_tells_whether_it_is_the_rig_s_and_of_which_run(tmp_path: Pa
             writer.add(tick(1), inputs(1))
             writer.finish()
         assert mcap.read(path).rig == (name == "rig")
-        assert mcap.read_run(path, ()).header.session == header.session
+        assert mcap.read_header(path) == mcap.read_run(path, ()).header == header
+
+
+def test_a_header_is_read_from_the_beginning_of_its_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "a.mcap")
+    whole = (tmp_path / "a.mcap").read_bytes()
+    read: list[int] = []
+    original = mcap.stream
+    monkeypatch.setattr(mcap, "stream", lambda data, scan: (read.append(len(data)), original(data, scan))[1])
+    monkeypatch.setattr(mcap, "HEADER_BYTES", 4000)
+    assert mcap.read_header(tmp_path / "a.mcap") == HEADER and read[0] < 4100 < len(whole)
+    (tmp_path / "a.mcap").write_bytes(whole[:3000])  # torn, or being written
+    assert mcap.read_header(tmp_path / "a.mcap") == HEADER
+
+
+@pytest.mark.parametrize("content", [b"no recording", b"", mcap.MCAP0_MAGIC, mcap.MCAP0_MAGIC + b"\x05" * 64])
+def test_what_has_no_header_of_ours_is_one_line(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.mcap").write_bytes(content)
+    with pytest.raises(InputError, match=r"^\S*a\.mcap: [^\n]+$"):
+        mcap.read_header(tmp_path / "a.mcap")
 
 
 def test_inputs_of_before_the_pictures_had_checksums_are_read() -> None:

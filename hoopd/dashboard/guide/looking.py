@@ -19,7 +19,6 @@ from hoopd.dashboard.feed import Connection
 from hoopd.dashboard.guide.picture_steps import LookedPicture
 from hoopd.dashboard.pictures import message_of
 from hoopd.files.reading import InputError
-from hoopd.shell.live_picture import LONGEST_PX
 from hoopd.shell.session import device_key
 
 REST_S = 2.0
@@ -40,7 +39,7 @@ def next_scene(connection: Connection, device: str) -> LookedPicture:
             image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
         except (msgspec.MsgspecError, UnicodeDecodeError, cv2.error):
             raise InputError("picture", "", WRONG) from None
-        if image is None or max(image.shape[:2]) > LONGEST_PX:
+        if image is None:
             raise InputError("picture", "", WRONG)
         return LookedPicture(np.asarray(image, np.uint8), about, about.size_px[0] / image.shape[1])
     raise InputError("picture", "", NO_PICTURE)
