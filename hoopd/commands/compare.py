@@ -137,6 +137,7 @@ def _shown(result: dict[str, Any]) -> dict[str, Any]:
     """What a person shall see of it."""
     from hoopd.design.comparison import MEANINGS
 
+    names = {"ball, rad rms": "ball_rms_rad", "cost": "cost", "torque at rest, N m": "torque_at_rest_nm"}
     rows = {
         name: {
             "A": result[key]["accepted"],
@@ -145,7 +146,7 @@ def _shown(result: dict[str, Any]) -> dict[str, Any]:
             "from %": result[key]["interval_percent"][0],
             "to %": result[key]["interval_percent"][1],
         }
-        for name, key in (("ball, rad rms", "ball_rms_rad"), ("cost", "cost"))
+        for name, key in names.items()
     }
     told = {
         "B is": result["verdict"],
@@ -158,7 +159,8 @@ def _shown(result: dict[str, Any]) -> dict[str, Any]:
     }
     if result.get("recording"):
         told["recording"] = result["recording"]
-    notes = [f"{result['lost_pairs']} pairs did not count: too few ticks came"] if result["lost_pairs"] else []
+    notes = [*result["warnings"]]
+    notes += [f"{result['lost_pairs']} pairs did not count: too few ticks came"] if result["lost_pairs"] else []
     if not result["hoop_speed_counted"]:
         notes.append("the hoop's speed does not count: A does not tell how it has to turn for a reference")
     return {**told, "notes": notes}

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.commands import plant_design_record, plant_linear
+from hoopd.commands import design_effects, plant_design_record, plant_linear
 from hoopd.commands.design_options import spec_from
 from hoopd.commands.identified_design import design_for
 from hoopd.commands.inputs import read_recording
@@ -37,7 +37,7 @@ from hoopd.files.whole_files import replace_file
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun
 from hoopd.plants.hoop.loop.trial import Trial, at_rest, figures_of, nonlinear_difference, trial
-from hoopd.plants.hoop.loop.writeback import cancelled, delays_of, filter_effects, filter_plant, limits_of, unused
+from hoopd.plants.hoop.loop.writeback import delays_of, filter_plant, limits_of
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.model_file import effects_of, load_model, plant_of
 from hoopd.plots import style
@@ -84,8 +84,14 @@ def run(options: DesignOptions) -> dict[str, Any]:
         "model": model_path.name,
         "controller": "" if out is None else out.name,
         **_result(law, file, designed, spec, poles, found, runs),
-        **({"effects": _effects(found_effects)} if found_effects else {}),
-        "warnings": [*designed.notes, *_poor(found, spec), *_restless(runs), *_left_out(law, found_effects)],
+        "summary": design_effects.sentence(found_effects),
+        **({"effects": design_effects.told(found_effects)} if found_effects else {}),
+        "warnings": [
+            *designed.notes,
+            *_poor(found, spec),
+            *_restless(runs),
+            *design_effects.left_out(law, found_effects),
+        ],
     }
 
 
@@ -162,14 +168,6 @@ def _restless(runs: Trial) -> list[str]:
     return [f"ball not at rest at the end of the nonlinear run {n!r}" for n in names if not at_rest(getattr(runs, n))]
 
 
-def _left_out(law: str, found: FoundEffects) -> list[str]:
-    """What the model's effects leave to be wished for."""
-    notes = [f"nothing is done about {one.name}: {one.reason}" for one in unused(found)]
-    if law == "arx" and cancelled(found):
-        notes.append("the law's own model is from a recording: was it taken with the feed-forward of these effects?")
-    return notes
-
-
 def _with_delays(spec: Spec, found: FoundEffects) -> Spec:
     """The specification for what is later than usual; InputError when that is more than the filter remembers."""
     late = delays_of(found)
@@ -177,16 +175,6 @@ def _with_delays(spec: Spec, found: FoundEffects) -> Spec:
         return replace(spec, delay_s=spec.delay_s + late.camera_s, torque_delay_s=late.torque_s)
     except SpecError as error:
         raise InputError("--delay", "", f"with the model's effects: {error.reason}") from None
-
-
-def _effects(found: FoundEffects) -> dict[str, Any]:
-    """What becomes of the model's effects: the law is designed on what feed-forward leaves."""
-    return {
-        "fed_forward": list(cancelled(found)),
-        "in_the_filter": [*filter_effects(found).names],
-        "delays_s": delays_of(found)._asdict(),
-        "left_out": [one._asdict() for one in unused(found)],
-    }
 
 
 # ---------------------------------------------------------------------------------------------- files

@@ -20,6 +20,7 @@ from hoopd.commands.plant_inputs import refuse_shared
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import to_json_bytes
+from hoopd.diagnose.report.plain_words import summary
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
 from hoopd.diagnose.search.candidates import Settings
 from hoopd.files.model import ModelFile
@@ -177,7 +178,8 @@ def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said:
 
         files.append((options.report, page(diagnosis, outcome.shown)))
     if options.json_path is not None:
-        files.append((options.json_path, to_json_bytes(diagnosis)))
+        told = msgspec.structs.replace(diagnosis, summary=summary(diagnosis))
+        files.append((options.json_path, to_json_bytes(told)))
     for path, data in files:
         replace_file(path, data)
     return diagnosis

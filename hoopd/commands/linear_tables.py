@@ -27,7 +27,7 @@ def of_design(result: Mapping[str, Any], out: Path | None = None) -> dict[str, A
         **{key: result[key] for key in ("gang_of_four", "gains", "design") if result[key]},
         "closed_loop_poles": _poles(result),
         **told,
-        "notes": result["warnings"],
+        "notes": [result["summary"], *result["warnings"]],
     }
 
 

@@ -17,10 +17,12 @@ from dataclasses import dataclass
 from math import exp, log
 from typing import Any, NamedTuple
 
+from hoopd.core.modes import mode_words
 from hoopd.core.succession import ACCEPT, ALIVE, REVERT, REVERTED, TRIAL
 from hoopd.core.trial import LEAST_BASELINE_S
 from hoopd.design.alternation import LEAST_PAIRS, Alternation, AlternationBlock, blocks_of
 from hoopd.design.sequential_test import evidence, interval
+from hoopd.design.side_effects import side_effects
 from hoopd.design.weights import Weights
 from hoopd.design.yardstick import BlockFigures, HeldSpeed, TickSample, Yardstick
 
@@ -32,6 +34,8 @@ PATIENCE_S = {"asked": 25.0, "back": 5.0}
 START_S = 20.0  # until the loop runs
 # What a hand does to the run that is none of ours.
 MEDDLING = frozenset({"tuned", "speed"})
+LEFT = "the law no longer acts"
+EXPLAINED_S = 0.5  # until the event has come that tells which mode, and why
 FOREIGN_S = 1.5  # a command of ours is obeyed by then
 LEAST_SHARE = 0.9  # of a block's ticks: fewer, and the pair does not count
 
@@ -40,8 +44,10 @@ BETTER, WORSE, OPEN, RETURNED, STOPPED = ("better", "worse", "not told apart", "
 
 # What decides, chosen before the run: the ball's error (root mean square), or the cost by the weights of the design.
 BALL, COST = MEASURES = ("ball", "cost")
-# Its place in a result, and what it is called.
-RESULTS = {BALL: "ball_rms_rad", COST: "cost"}
+# What is told beside both, and decides nothing: the torque while the ball rests at the bottom (root mean square).
+REST = "rest"
+# Their places in a result, and what they are called.
+RESULTS = {BALL: "ball_rms_rad", COST: "cost", REST: "torque_at_rest_nm"}
 MEANINGS = {BALL: "the ball's error", COST: "the cost of the design"}
 
 
@@ -85,11 +91,11 @@ class ControllerComparison:
         self.lost = 0  # pairs of which too few ticks came
         self._sha256 = key.partition("@")[2]
         self._blocks, self._place, self._period_s = blocks_of(plan), 0, period_s
-        self._yardstick = Yardstick(weights, held)
+        self._yardstick = Yardstick(weights, held, plan.hold_s / 2)
         self._done: dict[str, BlockFigures] = {}
         self._phase, self._since = "before", 0.0  # s, when the phase began
         self._first_t: float | None = None
-        self._t = self._running_since = self._alive_at = self._agreed_at = 0.0
+        self._t = self._running_since = self._alive_at = self._agreed_at = self._ended_at = 0.0
         self._ran = self._on_trial = self._farewell = False
         self._wanted = 0.0  # rad, the reference that was asked for
 
@@ -100,8 +106,9 @@ class ControllerComparison:
 
     @property
     def settled(self) -> bool:
-        """It is over, its last orders were given, and no candidate is about to act."""
-        return self._farewell and self._phase != "asked"
+        """It is over, its last orders were given, its reason is known, and no candidate is about to act."""
+        unexplained = self.reason == LEFT and self._t - self._ended_at < EXPLAINED_S
+        return self._farewell and self._phase != "asked" and not unexplained
 
     @property
     def block(self) -> AlternationBlock:
@@ -163,7 +170,7 @@ class ControllerComparison:
         assert self._first_t is not None
         if not sample.running:
             if self._ran:
-                self._end(STOPPED, "the law no longer acts: see the daemon's mode and faults")
+                self._end(STOPPED, LEFT)
             elif sample.t - self._first_t > START_S:
                 self._end(STOPPED, f"it did not run within {START_S:g} s: arm it first")
             return
@@ -237,7 +244,11 @@ class ControllerComparison:
             self._end(OPEN, f"not clear after {len(ratios)} pairs")
 
     def _note_late(self, event: str, fields: Mapping[str, Any]) -> None:
-        """A candidate that was asked for before the end and acts after it goes back, too."""
+        """The mode behind an end; and a candidate that was asked for before the end and acts after it goes back."""
+        if event == "mode" and self.reason == LEFT:
+            because = fields.get("because")
+            told = mode_words(str(fields.get("mode")), map(str, because if isinstance(because, list) else ()))
+            self.reason = f"{LEFT}: {told}"
         if self._phase == "asked" and event in ("controller", "command_refused") and fields.get("command") == TRIAL:
             self._phase = "before"
             if event == "controller" and self._is_ours(fields):
@@ -283,7 +294,7 @@ class ControllerComparison:
         self._phase, self._since = phase, self._t
 
     def _end(self, verdict: str, reason: str) -> None:
-        self.verdict, self.reason = verdict, reason
+        self.verdict, self.reason, self._ended_at = verdict, reason, self._t
 
     # ------------------------------------------------------------------------------------------ what it showed
 
@@ -294,21 +305,25 @@ class ControllerComparison:
     def _figures(self, measure: str) -> list[tuple[float, float]]:
         if measure == COST:
             return [(pair.a.cost, pair.b.cost) for pair in self.pairs]
+        if measure == REST:
+            rests = [(pair.a.rest_rms_nm, pair.b.rest_rms_nm) for pair in self.pairs]
+            return rests if all(min(rest) > 0.0 for rest in rests) else []
         return [(pair.a.ball_rms_rad, pair.b.ball_rms_rad) for pair in self.pairs]
 
     def result(self) -> dict[str, Any]:
         """What it showed so far, as plain data."""
-        return {
+        told = {
             "verdict": self.verdict,
             "reason": self.reason,
             "judged_by": self.by,
             "candidate": self.key,
             "pairs": [_told(pair) for pair in self.pairs],
             "lost_pairs": self.lost,
-            **{RESULTS[one]: self._change(one) for one in MEASURES},
+            **{place: self._change(one) for one, place in RESULTS.items()},
             "alpha": self.plan.alpha,
             "seed": self.plan.seed,
         }
+        return {**told, "warnings": side_effects(told)}
 
     def _change(self, measure: str) -> dict[str, Any]:
         """Means of both, the change in percent with its interval, the evidence, and the interval after each pair."""
@@ -333,6 +348,7 @@ def _told(pair: BlockPair) -> dict[str, Any]:
         "references_rad": list(pair.references),
         "cost": {"accepted": pair.a.cost, "candidate": pair.b.cost},
         "ball_rms_rad": {"accepted": pair.a.ball_rms_rad, "candidate": pair.b.ball_rms_rad},
+        "torque_at_rest_nm": {"accepted": pair.a.rest_rms_nm, "candidate": pair.b.rest_rms_nm},
     }
 
 

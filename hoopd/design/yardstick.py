@@ -20,6 +20,7 @@ from hoopd.design.weights import Weights
 
 # Of a tenth of a second: long against a picture's noise, short against a swing of the ball (0.7 s).
 PICTURES = 5
+REST_AFTER_S = 1.0  # longer than a swing of the ball
 REFERENCES = 32  # ticks that are remembered: a picture is two to four old
 
 
@@ -55,6 +56,7 @@ class BlockFigures(NamedTuple):
     ball_rms_rad: float
     ticks: int
     pictures: int
+    rest_rms_nm: float  # torque while the ball rests at the bottom; 0: it never did
 
 
 @dataclass
@@ -65,14 +67,19 @@ class _Sums:
     slope: float = 0.0
     angles: int = 0
     slopes: int = 0
+    rest: float = 0.0
+    rests: int = 0
 
 
 class Yardstick:
     """Sums of one block after the other."""
 
-    def __init__(self, weights: Weights | None = None, held: HeldSpeed | None = None) -> None:
-        """`held`: None leaves the hoop's speed out."""
-        self._weights, self._held = weights or Weights(), held
+    def __init__(
+        self, weights: Weights | None = None, held: HeldSpeed | None = None, rest_after_s: float = REST_AFTER_S
+    ) -> None:
+        """`held`: None leaves the hoop's speed out; `rest_after_s`: the ball rests so long after a zero reference."""
+        self._weights, self._held, self._rest_after_s = weights or Weights(), held, rest_after_s
+        self._referred: tuple[float, float] | None = None  # reference, and since when
         self._references: deque[tuple[float, float]] = deque(maxlen=REFERENCES)
         self._pictures: deque[tuple[float, float]] = deque(maxlen=PICTURES)
         self._speed = 0.0  # rad/s that the reference asks for
@@ -86,6 +93,8 @@ class Yardstick:
     def put(self, sample: TickSample, *, counts: bool) -> None:
         """Look at one tick; it is summed up when it counts."""
         self._references.append((sample.t, sample.reference))
+        if self._referred is None or self._referred[0] != sample.reference:
+            self._referred = sample.reference, sample.t
         self._follow(sample)
         fresh = isfinite(sample.ball) and isfinite(sample.ball_t)
         if fresh:
@@ -95,6 +104,8 @@ class Yardstick:
         sums, weights = self._sums, self._weights
         sums.ticks += 1
         sums.cost += (sample.u / weights.torque_nm) ** 2
+        if self._is_at_rest(sample.t):
+            sums.rest, sums.rests = sums.rest + sample.u**2, sums.rests + 1
         if self._held is not None and isfinite(sample.dtheta):
             sums.cost += ((sample.dtheta - self._speed) / weights.dtheta_rad_s) ** 2
         if fresh:
@@ -111,7 +122,10 @@ class Yardstick:
         sums, weights = self._sums, self._weights
         angle, slope = sums.angle / max(1, sums.angles), sums.slope / max(1, sums.slopes)
         cost = sums.cost / max(1, sums.ticks) + angle / weights.psi_rad**2 + slope / weights.dpsi_rad_s**2
-        return BlockFigures(cost, sqrt(angle), sums.ticks, sums.angles)
+        return BlockFigures(cost, sqrt(angle), sums.ticks, sums.angles, sqrt(sums.rest / max(1, sums.rests)))
+
+    def _is_at_rest(self, t: float) -> bool:
+        return self._referred is not None and self._referred[0] == 0.0 and t - self._referred[1] >= self._rest_after_s
 
     def _follow(self, sample: TickSample) -> None:
         passed, self._t = 0.0 if self._t is None else sample.t - self._t, sample.t

@@ -315,3 +315,4 @@ class Diagnosis(_Part, frozen=True):
     power: dict[str, Visible] = {}
     remains: Remains | None = None
     notes: list[str] = []
+    summary: str = ""  # in plain words; a file that is written has it

@@ -198,6 +198,9 @@ def test_a_law_is_designed_on_what_feed_forward_leaves(tmp_path: Path) -> None:
     released = found["closed_loop"]["released"]
     assert released["psi_settled_s"] < 1.5 and abs(released["end_psi_rad"]) < 0.005
     assert "effects" not in plain
+    assert found["summary"] == "Fed forward, so that the law need not act on it: hoop.coulomb_friction."
+    assert plain["summary"].startswith("The model names no effects: nothing is fed forward. Dry friction, ")
+    assert of_design(found)["notes"][0] == found["summary"]
 
 
 def count_poles(result: dict[str, Any]) -> int:
@@ -212,6 +215,8 @@ def test_delays_of_a_model_are_in_the_loop(tmp_path: Path) -> None:
     assert count_poles(late) > count_poles(plain) + 6 and late["margins"]["delay_ms"] > 20.0
     assert late["effects"]["delays_s"] == {"torque_s": 0.03, "camera_s": 0.04, "encoder_s": 0.0}
     assert late["closed_loop"]["released"]["psi_settled_s"] < 1.5
+    told = late["summary"]
+    assert told.startswith("Nothing is fed forward; ") and "delays (torque 30 ms, pictures 40 ms)" in told
 
 
 def test_delays_that_no_filter_remembers_are_refused(tmp_path: Path) -> None:
@@ -220,8 +225,10 @@ def test_delays_that_no_filter_remembers_are_refused(tmp_path: Path) -> None:
 
 
 def test_effects_that_a_daemon_cannot_use_are_named(tmp_path: Path) -> None:
-    (warning,) = untried("lqg", with_effect(tmp_path, SLIP))["warnings"]
+    made = untried("lqg", with_effect(tmp_path, SLIP))
+    (warning,) = made["warnings"]
     assert "ball.slip" in warning and "no state" in warning
+    assert made["summary"] == "Nothing is fed forward; nothing is done about ball.slip."
 
 
 def test_a_limit_of_the_drive_limits_the_law(tmp_path: Path) -> None:

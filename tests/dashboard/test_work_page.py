@@ -67,7 +67,7 @@ def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
         page.click("#job-form .primary")
         page.wait_for("document.querySelector('#jobs li').dataset.state === 'done'")
         assert "second.csv (held back)" in page.text("#jobs") and "by operator" in page.text("#jobs")
-        page.click("#jobs .row:last-child button")
+        page.click("#jobs .row button")
         page.wait_for(f"{FRAME}.src.includes('file?job=1')")
         assert bench.jobs.told()[0]["order"]["holdout"] == ["second.csv"]
         page.click("#recordings tbody tr:has([aria-label='choose first.csv']) td:last-child button:nth-of-type(2)")

@@ -102,6 +102,21 @@ def test_what_better_means_is_chosen_before_the_run_and_told_with_it(by: str, ve
     told = rig.comparison.result()
     assert (told["verdict"], told["judged_by"]) == (verdict, by)
     assert told["ball_rms_rad"]["change_percent"] < 0.0 < told["cost"]["change_percent"]
+    cost = "The cost of the design, which charges torque and speeds, rose: "
+    assert [one.startswith(cost) for one in told["warnings"]] == [True] * (by == BALL)
+    assert told["torque_at_rest_nm"]["change_percent"] is None  # of nothing
+
+
+def test_a_torque_at_rest_that_rose_is_told_beside_a_better_law() -> None:
+    rig = begun(20, off={"A": 0.02, "B": 0.01}, torque={"A": 0.001, "B": 0.0012}, scatter=0.1)
+    rig.run()
+    told = rig.comparison.result()
+    assert told["verdict"] == BETTER and told["torque_at_rest_nm"]["accepted"] == pytest.approx(0.001)
+    (warning,) = told["warnings"]
+    assert warning.startswith("The torque at rest rose: 0.0012 N m rms instead of 0.001 (+20 %, ")
+    equal = begun(8, scatter=0.1, torque={"A": 0.001, "B": 0.001})
+    equal.run()
+    assert equal.comparison.result()["warnings"] == []
 
 
 def test_a_comparison_by_something_else_is_refused() -> None:
@@ -191,6 +206,21 @@ def test_who_meddles_ends_it_with_the_accepted_law_asked_for(what: str) -> None:
     assert rig.comparison.verdict == STOPPED
 
 
+def test_a_law_that_no_longer_acts_is_told_with_the_mode_and_its_fault() -> None:
+    rig = until_tried(begun())
+    rig.running = False
+    rig.tick()
+    assert not rig.comparison.settled  # the event comes after its tick
+    rig.comparison.note("mode", {"mode": "FAULT", "because": ["link_lost"]})
+    rig.tick()
+    assert rig.comparison.reason == "the law no longer acts: the mode is FAULT (link_lost)" and rig.comparison.settled
+    silent = until_tried(begun())
+    silent.running = False
+    for _ in range(30):
+        silent.tick()
+    assert silent.comparison.settled and silent.comparison.reason == "the law no longer acts"
+
+
 def test_a_candidate_that_acts_only_after_the_end_goes_back_too() -> None:
     rig = begun(wait_s=2.0)
     while not any(order.name == TRIAL for _, order in rig.sent):
@@ -250,6 +280,16 @@ def test_the_yardstick_sums_measured_deviations_by_the_design_s_weights() -> Non
     # (0.04/0.2)^2 + (0.025/0.05)^2, and a hoop that turns as a reference asks costs nothing
     assert yardstick.figures.cost == pytest.approx(0.04 + 0.25, abs=1e-6)
     assert yardstick.figures.ball_rms_rad == pytest.approx(0.04)
+
+
+def test_the_torque_at_rest_is_that_of_a_ball_that_has_been_at_the_bottom_for_a_while() -> None:
+    yardstick = Yardstick(rest_after_s=0.5)
+    for k in range(200):
+        t, reference = k * TICK_S, 0.1 if k < 100 else 0.0
+        u = 0.003 if t >= 2.5 - 1e-9 else 0.5
+        yardstick.put(TickSample(t, True, u, 0.0, reference, t, reference), counts=True)
+    assert yardstick.figures.rest_rms_nm == pytest.approx(0.003)
+    assert Yardstick().figures.rest_rms_nm == 0.0
 
 
 def test_a_picture_counts_against_the_reference_of_its_own_time() -> None:

@@ -23,6 +23,7 @@ from hoopd.diagnose.record import (
     Diagnosis,
     EffectFinding,
     ErrorWindow,
+    Evidence,
     Fit,
     FitTable,
     FreeRunChoice,
@@ -33,7 +34,7 @@ from hoopd.diagnose.record import (
     RecordingQuality,
     Refused,
 )
-from hoopd.diagnose.report import headline, table_notes, tables
+from hoopd.diagnose.report import headline, plain_words, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import WIDTH, report_console, report_text
@@ -576,6 +577,60 @@ def test_the_first_lines_say_how_sure_a_finding_is_and_what_to_do_next() -> None
     doubted = msgspec.structs.replace(told, effects=[msgspec.structs.replace(first, status="weak")])
     assert "--write" not in headline.next_sentence(doubted)
     assert headline.next_sentence(doubted).endswith("before a model is written.")
+
+
+PLAIN: dict[str, tuple[dict[str, Any], dict[str, float], str]] = {
+    "which law is open": (
+        {"probability": 0.59, "status": "confirmed"},
+        {"hoop.stribeck_friction": 0.3, "camera.latency": 0.5, "none of these": 0.02},
+        "Something is certainly missing at the hoop; that it is hoop.coulomb_friction is 59 % likely, the other 41 % "
+        "are mostly hoop.stribeck_friction (30 %).",
+    ),
+    "no law is known": (
+        {"probability": 0.5},
+        {"none of these": 0.4},
+        "Something is certainly missing at the hoop; that it is hoop.coulomb_friction is 50 % likely, the other 50 % "
+        "are mostly a law that is not known here (40 %).",
+    ),
+    "many laws": (
+        {"probability": 0.5, "status": "weak"},
+        {"hoop.stribeck_friction": 0.05},
+        "Something is probably missing at the hoop; that it is hoop.coulomb_friction is 50 % likely, the other 50 % "
+        "are shared among other laws at the same place.",
+    ),
+    "sure of both": (
+        {"probability": 0.97},
+        {},
+        "Something is certainly missing at the hoop; which law it follows is known, too: hoop.coulomb_friction, 97 % "
+        "likely.",
+    ),
+    "barely": (
+        {"probability": 0.97, "evidence": Evidence(log_likelihood_gain=36.0, threshold=31.0, heldout_gain_percent=1.0)},
+        {},
+        "Something is almost certainly missing at the hoop; which law it follows is known, too: "
+        "hoop.coulomb_friction, 97 % likely.",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", PLAIN)
+def test_a_plain_sentence_keeps_what_is_there_apart_from_which_law_it_is(case: str) -> None:
+    changes, probabilities, says = PLAIN[case]
+    diagnosis, shown = coulomb()
+    first = msgspec.structs.replace(diagnosis.effects[0], **changes)
+    known = [Candidate(name=name, log_likelihood_gain=1.0, probability=p) for name, p in probabilities.items()]
+    told = msgspec.structs.replace(diagnosis, effects=[first], candidates=known)
+    assert plain_words.summary(told) == says
+    for text in (squeezed(printed(told)), squeezed(Page(page(told, shown)).text)):
+        assert 0 < text.index(squeezed(says)) < text.index(squeezed("How sure"))
+
+
+def test_what_has_no_name_and_what_is_denied_are_told_plainly_too() -> None:
+    assert plain_words.summary(unknown()[0]).startswith("Something is certainly missing at the hoop; no known law")
+    diagnosis, _ = coulomb()
+    first = msgspec.structs.replace(diagnosis.effects[0], status="not_confirmed", reason="worse")
+    assert plain_words.summary(msgspec.structs.replace(diagnosis, effects=[first])).startswith("Physics is missing")
+    assert plain_words.summary(consistent()[0]) == headline.verdict_sentence(consistent()[0])
 
 
 def test_what_is_confirmed_and_in_no_model_is_not_told_to_be_kept() -> None:

@@ -22,7 +22,7 @@ import msgspec
 
 from hoopd.dashboard.work.background import background
 from hoopd.dashboard.work.forms import CONTROLLER, FIGURE, MODEL, REPORT, RESULT, JobOrder
-from hoopd.files.reading import InputError
+from hoopd.files.reading import InputError, read_bytes
 from hoopd.files.whole_files import replace_file
 from hoopd.shell.child import end
 
@@ -37,9 +37,17 @@ LONGEST_S = 4 * 3600.0
 LOOK_S = 0.2
 TAIL_BYTES = 4096
 OUTPUT_BYTES = 2**20
+RESULT_BYTES = 2**24  # of a diagnosis of many recordings some megabytes
+SUMMARY_CHARACTERS = 2000
 STARTS = 2  # of one job: what ends the page's server itself must not do so for ever
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 OVER: tuple[State, ...] = ("done", "failed", "cancelled")
+
+
+class ResultSummary(msgspec.Struct):
+    """Of a job's result what a person reads first."""
+
+    summary: str = ""
 
 
 class Job(msgspec.Struct):
@@ -67,6 +75,7 @@ class Jobs:
         self._jobs: dict[int, Job] = {}
         self._next = 1
         self._ending: set[int] = set()
+        self._summaries: dict[int, str] = {}
         self._closed = False
         self._worker: threading.Thread | None = None
         for path in sorted(folder.glob(f"*/{STATE}")):
@@ -142,8 +151,15 @@ class Jobs:
         told: dict[str, Any] = msgspec.to_builtins(job)
         told["files"] = [name for name in FILES if (folder / name).is_file()] if job.state in OVER else []
         told["progress"] = _progress(folder / PROGRESS) if job.state == "running" else None
+        told["summary"] = self._summary(job.number) if RESULT in told["files"] else ""
         del told["words"]
         return told
+
+    def _summary(self, number: int) -> str:
+        """What the result of a job that is over says in plain words; looked up once."""
+        if number not in self._summaries:
+            self._summaries[number] = _summary(self.of(number) / RESULT)
+        return self._summaries[number]
 
     # ---- the folder
 
@@ -188,6 +204,7 @@ class Jobs:
 
     def _drop(self, job: Job) -> None:
         del self._jobs[job.number]
+        self._summaries.pop(job.number, None)
         shutil.rmtree(self.of(job.number), ignore_errors=True)
 
     def _tidy(self) -> None:
@@ -257,6 +274,14 @@ def _last_line(path: Path) -> str:
         lines = [line for line in file.read().decode("utf-8", "replace").splitlines() if line.strip()]
     said = [line for line in lines if line.startswith("hoopd: ")]
     return (said or lines or [""])[-1].removeprefix("hoopd: ")[:300]
+
+
+def _summary(path: Path) -> str:
+    """Empty where the result has none, or is none."""
+    try:
+        return msgspec.json.decode(read_bytes(path, RESULT_BYTES), type=ResultSummary).summary[:SUMMARY_CHARACTERS]
+    except (InputError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return ""
 
 
 def _progress(path: Path) -> dict[str, Any] | None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.diagnose.record_file import canonical
-from hoopd.diagnose.report import headline, table_notes, tables
+from hoopd.diagnose.report import headline, plain_words, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
 from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Shown
@@ -42,6 +42,7 @@ def _header(diagnosis: Diagnosis) -> str:
         f'<header>\n<p class="kicker">hoopd diagnose</p>\n<h1>{text(title)}</h1>\n'
         f"{paragraph(headline.verdict_sentence(diagnosis), 'verdict')}"
         f"{paragraph(words.questions_sentence(diagnosis.data_quality))}"
+        f"{paragraph(plain_words.plain_sentence(diagnosis))}"
         f"{paragraph(headline.certainty_sentence(diagnosis))}"
         f"{paragraph(headline.fit_sentence(diagnosis))}"
         f"{paragraph(words.unexplained_sentence(diagnosis))}"

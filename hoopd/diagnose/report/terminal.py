@@ -15,7 +15,7 @@ from rich.text import Text
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import canonical
-from hoopd.diagnose.report import headline, table_notes, tables
+from hoopd.diagnose.report import headline, plain_words, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.tables import Table
 from hoopd.plots.number_format import safe
@@ -64,6 +64,7 @@ def _verdict(diagnosis: Diagnosis, console: Console) -> None:
     _sentences(
         [
             words.questions_sentence(diagnosis.data_quality),
+            plain_words.plain_sentence(diagnosis),
             headline.certainty_sentence(diagnosis),
             headline.fit_sentence(diagnosis),
             where,

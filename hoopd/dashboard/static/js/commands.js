@@ -1,7 +1,7 @@
 // What the page sends: STOP for everybody, the rest for who is logged in. Every answer of a daemon is shown, and how long
 // it took.
 
-import { byId, clock, number, say } from './text.js';
+import { byId, clock, inClicks, number, say } from './text.js';
 
 const TYPING = 'input:not([type=checkbox]), textarea, select';
 const PATIENCE_MS = 8000;
@@ -82,7 +82,7 @@ export class Commands {
   }
 
   show(text, state) {
-    say(byId('answer'), `${clock(Date.now() / 1e3)} ${text}`);
+    say(byId('answer'), `${clock(Date.now() / 1e3)} ${inClicks(text)}`);
     byId('answer').dataset.state = state;
   }
 

@@ -1,5 +1,6 @@
 // Two controllers take turns: choose one, watch, read the answer with its interval, accept or roll back.
 
+import { modeWords } from './modes.js';
 import { drawn, element, number, say, short } from './text.js';
 
 const ASK_MS = 1000, LIST_MS = 4000;
@@ -13,6 +14,7 @@ const MEASURES = {
   ball: { label: 'smaller error of the ball', result: 'ball_rms_rad', name: 'ball’s error', row: 'ball’s error, rad rms' },
   cost: { label: 'smaller cost of the design (torque is charged)', result: 'cost', name: 'cost', row: 'cost of a tick' },
 };
+const BESIDE = [{ result: 'torque_at_rest_nm', row: 'torque at rest, N m rms' }]; // told, and decides nothing
 const CONFIRM_MS = 15000;
 const READ_MS = 700;
 const VERDICTS = {
@@ -36,6 +38,7 @@ export class Compare {
     this.bar = element('progress', { max: 1, value: 0, 'aria-label': 'Blocks that are over' });
     this.step = element('p', { id: 'compare-step', role: 'status' });
     this.verdict = element('p', { class: 'verdict', id: 'compare-verdict', role: 'status' });
+    this.warnings = element('ul', { class: 'warnings', id: 'compare-warnings' });
     this.table = element('table', { class: 'proposal', id: 'compare-table' });
     this.figure = element('div', { class: 'pairs', id: 'compare-figure' });
     this.accept = element('button', { type: 'button', class: 'primary', id: 'compare-accept', onclick: () => this.decide() }, 'Accept');
@@ -45,7 +48,7 @@ export class Compare {
       element('p', { class: 'detail' }, 'The controller that acts and a candidate take turns, in random order, with the same references, until it is clear which one is better. The one that acts now is back at once when the candidate does badly, when something fails, or when this page is closed.'),
       element('div', { class: 'versus' }, element('span', {}, 'Acts now: ', this.acting), element('label', {}, 'Candidate', this.choice), element('label', {}, 'Better means', this.by)),
       element('div', { class: 'fields' }, ...this.fields), this.hint,
-      element('div', { class: 'tools' }, this.arm, this.start, this.stop), this.step, this.bar, this.verdict, this.table, this.figure,
+      element('div', { class: 'tools' }, this.arm, this.start, this.stop), this.step, this.bar, this.verdict, this.warnings, this.table, this.figure,
       element('div', { class: 'tools' }, this.accept, this.back), this.decided);
     addEventListener('candidate', event => { this.wanted = event.detail; this.list(); });
     addEventListener('view', () => this.list());
@@ -128,7 +131,7 @@ export class Compare {
     const { file: name, sha256 } = device?.state.status.controller ?? {}, mode = device?.word('mode');
     say(this.acting, file(running ? last.accepted : `${name ?? '–'}@${sha256 ?? ''}`));
     const { blocks, hold_s: hold } = this.numbers, minutes = blocks * (2 + 4 * hold + REST_S) / 60;
-    const missing = !may ? 'Log in first.' : mode !== 'RUNNING' ? `Arm it first: the mode is ${mode || 'unknown'}.` : !this.choice.value ? 'Design a controller and lay it into the daemon’s folder first.' : '';
+    const missing = !may ? 'Log in first.' : mode !== 'RUNNING' ? `Arm it first: ${modeWords(device)}.` : !this.choice.value ? 'Design a controller and lay it into the daemon’s folder first.' : '';
     say(this.hint, missing || `At most ${number(minutes, 1)} minutes; it ends sooner when it is clear. Leave references and gains alone meanwhile.`);
     this.arm.hidden = !may || ['RUNNING', 'READY'].includes(mode);
     this.start.disabled = running || Boolean(missing);
@@ -147,19 +150,20 @@ export class Compare {
   }
 
   draw(last, running) {
-    for (const part of [this.verdict, this.table, this.figure]) part.hidden = !last;
+    for (const part of [this.verdict, this.warnings, this.table, this.figure]) part.hidden = !last;
     say(this.step, running ? last.step : '');
     if (!last) return;
     this.bar.value = last.share;
     const [state, words] = VERDICTS[last.verdict] ?? ['', 'Not clear yet.'], measure = MEASURES[last.judged_by];
     this.verdict.dataset.state = state;
     say(this.verdict, `${last.reason ? `${words.replace(/\.$/, ':')} ${last.reason}.` : words} Judged by the ${measure.name}.`);
+    this.warnings.replaceChildren(...(last.warnings ?? []).map(one => element('li', {}, one)));
     const row = (label, { accepted, candidate, change_percent: change, interval_percent: [low, high] }, digits) => element('tr', {},
       element('th', { scope: 'row' }, label), element('td', {}, digits(accepted)), element('td', {}, digits(candidate)),
       element('td', {}, percent(change)), element('td', {}, low === null || high === null ? 'too few pairs' : `${percent(low)} … ${percent(high)}`));
     this.table.replaceChildren(
       element('thead', {}, element('tr', {}, ...['', `acts: ${file(last.accepted)}`, `candidate: ${file(last.candidate)}`, 'change', `interval, ${number(100 * (1 - last.alpha), 0)} %, at any look`].map(one => element('th', { scope: 'col' }, one)))),
-      element('tbody', {}, ...Object.values(MEASURES).map(one => row(`${one.row}${one === measure ? ' (decides)' : ''}`, last[one.result], short))));
+      element('tbody', {}, ...[...Object.values(MEASURES), ...BESIDE].map(one => row(`${one.row}${one === measure ? ' (decides)' : ''}`, last[one.result], short))));
     this.figure.replaceChildren(...(last.pairs.length ? [pairs(last, measure), element('p', { class: 'detail' }, `Change of the ${measure.name}, pair by pair (dots), and the interval so far (bars). Below zero the candidate is better.`)] : []));
     if (last.decided) this.askedAt = 0;
     say(this.decided, last.decided ? `The candidate was ${last.decided}.` : '');

@@ -1,6 +1,7 @@
 // A test signal: its kind and numbers inside the limits that the server keeps, how it goes, and where its recording is.
 
-import { element, say } from './text.js';
+import { modeWords } from './modes.js';
+import { element, inClicks, say } from './text.js';
 
 const ASK_MS = 1000;
 const MEANING = {
@@ -59,7 +60,7 @@ export class Experiment {
     const [, kind, rest] = /experiment (\w+)(.*)/.exec(planned.command) ?? [];
     const values = Object.fromEntries([...(rest ?? '').matchAll(/--([\w-]+) ([\d.e+-]+)/g)].map(([, name, value]) => [name, value]));
     if (!(kind in this.told.signals)) {
-      say(this.state, `The diagnosis proposes “${planned.command}”, which needs a ball that nobody holds: not from this page.`);
+      say(this.state, `The diagnosis proposes ${planned.signal || 'an experiment'}, which needs a ball that nobody holds: record it on the terminal (“Report” has the command), then find it here among the recordings.`);
       return;
     }
     this.build(kind, values);
@@ -86,7 +87,7 @@ export class Experiment {
   show(device) {
     if (this.page.views.shown !== 'try' || !this.told) return;
     const { last, offered, reason } = this.told, may = Boolean(this.page.commands.user), mode = device?.word('mode');
-    const missing = !offered ? `${reason}.` : !may ? 'Log in first.' : !['RUNNING', 'READY'].includes(mode) ? `Arm it first: the mode is ${mode || 'unknown'}.` : '';
+    const missing = !offered ? `${reason}.` : !may ? 'Log in first.' : !['RUNNING', 'READY'].includes(mode) ? `Arm it first: ${modeWords(device)}.` : '';
     say(this.hint, missing);
     this.hint.hidden = !missing;
     const busy = this.sent || ['making', 'playing'].includes(last?.state);

@@ -1,6 +1,6 @@
 // Jobs: what may be asked for, what waits, runs and is over, and what it wrote.
 
-import { byId, element, number, say } from './text.js';
+import { byId, element, inClicks, number, say } from './text.js';
 
 const WORDS = { waiting: 'waits', running: 'runs', done: 'done', failed: 'failed', cancelled: 'cancelled' };
 const LABELS = {
@@ -106,18 +106,35 @@ export class Jobs {
   }
 
   /** Into the daemon's folder, and on to the comparison with what acts. */
-  async compare(number) {
-    const key = await this.work.change(`job ${number}: to the daemon’s folder`, 'hand_over', { number });
+  async compare({ number: job }) {
+    const key = await this.work.change(`job ${job}: to the daemon’s folder`, 'hand_over', { number: job });
     if (!key) return;
     dispatchEvent(new CustomEvent('candidate', { detail: key }));
     location.hash = '#try';
   }
 
+  /** The form of a design, with the model that a job wrote. */
+  design({ number: job, order }) {
+    const identified = order.kind === 'identify', form = byId('job-form');
+    this.form('design');
+    form.querySelector(`[name=${identified ? 'identified' : 'model'}]`).value = `${job}/model.yaml`;
+    if (identified) form.querySelector('[name=law]').value = 'identified';
+    form.scrollIntoView({ behavior: 'smooth', block: 'center' });
+    this.send.focus({ preventScroll: true });
+    this.work.commands.show(`the form designs on the model of job ${job}: choose a law, then Start`, 'waiting');
+  }
+
+  /** The same diagnosis with its model, though that is doubtful. */
+  write({ number: job, order }) {
+    const [yes] = this.told.forms[order.kind].fields.find(one => one.option === '--yes').choices;
+    return this.work.change(`job ${job}, with its model`, 'ask', { ...order, fields: { ...order.fields, yes } });
+  }
+
   /** The experiment that a diagnosis proposes, into the form that plays it. */
-  async next(number) {
-    const { next_experiment: planned } = await (await fetch(address(number, 'result.json'))).json().catch(() => ({}));
+  async next({ number: job }) {
+    const { next_experiment: planned } = await (await fetch(address(job, 'result.json'))).json().catch(() => ({}));
     if (!planned?.command) {
-      this.work.commands.show(`job ${number} proposes no experiment: ${planned?.reason || 'nothing is left to be told apart'}`, 'waiting');
+      this.work.commands.show(`job ${job} proposes no experiment: ${planned?.reason || 'nothing is left to be told apart'}`, 'waiting');
       return;
     }
     dispatchEvent(new CustomEvent('signal', { detail: planned }));
@@ -126,23 +143,37 @@ export class Jobs {
 
   // ---- what there is
 
+  /** What a job that is over leads to: a click each, instead of the commands that its output names. */
+  steps(job, may = Boolean(this.work.commands.user)) {
+    const { order, files } = job, has = name => files.includes(name), { hands_over: offered } = this.told;
+    const step = (label, title, act, can) => element('button', { type: 'button', disabled: !can, title, onclick: () => act.call(this, job) }, label);
+    return [
+      order.kind === 'diagnose' && has('result.json') && step('Next experiment', 'the one that tells most, into the form that plays it', this.next, true),
+      order.kind === 'diagnose' && job.line.includes('--yes') && step('Again, and write the model', 'as “A doubtful model: write it, too” does', this.write, may),
+      has('model.yaml') && step('Design with this model', 'the form of a design, filled in', this.design, true),
+      has('controller.yaml') && step('Compare', offered ? 'it takes turns with the controller that acts, in Try' : 'the page’s server was started without --controllers', this.compare, may && offered),
+    ].filter(Boolean);
+  }
+
   row(job) {
     const { told } = this, { order, state, progress } = job, may = Boolean(this.work.commands.user);
     const on = [...order.recordings, ...order.holdout.map(name => `${name} (held back)`), ...Object.entries(order.fields).map(([name, value]) => `${name} ${value}`)];
     const seconds = job.begun && (job.ended ?? Date.now() / 1e3) - job.begun;
     const act = (label, path) => element('button', { type: 'button', disabled: !may, onclick: () => this.work.change(`job ${job.number}: ${label}`, path, { number: job.number }) }, label);
-    const over = !['waiting', 'running'].includes(state);
+    const open = name => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name), name === 'report.html' ? this.steps(job, true) : []);
+    const over = !['waiting', 'running'].includes(state), steps = over ? this.steps(job) : [];
     return element('li', { 'data-state': state, 'data-job': job.number },
       element('div', { class: 'row' }, element('b', {}, `${job.number} ${order.kind}`), element('span', {}, `${WORDS[state]}${seconds && over ? ` in ${number(seconds, 0)} s` : ''}`)),
       element('small', {}, [on.join(', '), `by ${job.who}`].filter(Boolean).join(' · ')),
       state === 'running' ? element('progress', progress?.share === null || progress?.share === undefined ? {} : { value: progress.share }) : '',
       progress?.step ? element('small', {}, progress.step) : '',
-      job.line ? element('span', { class: 'wrong' }, job.line) : '',
+      job.line ? element('span', { class: 'wrong' }, inClicks(job.line)) : '',
+      job.summary ? element('p', { class: 'says' }, job.summary) : '',
       element('div', { class: 'row' },
-        ...job.files.filter(name => name !== 'controller.yaml' && name !== 'model.yaml').map(name => element('button', { type: 'button', onclick: () => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name)) }, LABELS[name])),
+        ...job.files.filter(name => name !== 'controller.yaml' && name !== 'model.yaml').map(name => element('button', { type: 'button', onclick: () => open(name) }, LABELS[name])),
         ...job.files.filter(name => name.endsWith('.yaml')).map(name => element('a', { href: address(job.number, name), download: `job${job.number}-${name}` }, LABELS[name])),
         told.hands_over && job.files.includes('controller.yaml') ? act('To the daemon’s folder', 'hand_over') : '',
-        order.kind === 'diagnose' && job.files.includes('result.json') ? element('button', { type: 'button', onclick: () => this.next(job.number) }, 'Next experiment') : '',
-        told.hands_over && job.files.includes('controller.yaml') ? element('button', { type: 'button', disabled: !may, onclick: () => this.compare(job.number) }, 'Compare') : '', over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''));
+        over ? act('Again', 'again') : act('Cancel', 'cancel'), over ? act('Remove', 'remove') : ''),
+      steps.length ? element('div', { class: 'row next' }, element('small', {}, 'Next:'), ...steps) : '');
   }
 }

@@ -10,6 +10,7 @@ import { Guide } from './guide.js';
 import { Hoop } from './hoop.js';
 import { Joystick } from './joystick.js';
 import { Link } from './link.js';
+import { ModeLine } from './modes.js';
 import { Panels } from './panels.js';
 import { Picture } from './picture.js';
 import { Target } from './target.js';
@@ -36,6 +37,7 @@ class Page {
     this.calibrate = new Calibrate(() => this.device, path => this.commands.post(path));
     this.work = new Work(this.commands, () => this.views.shown === 'work');
     this.experiment = new Experiment(byId('experiment'), this);
+    this.modeLine = new ModeLine(byId('mode-line'), this);
     this.compare = new Compare(byId('compare'), this);
     this.tabs = '';
     this.textAt = 0;
@@ -67,6 +69,7 @@ class Page {
       if (device) this.panels.show(device, this.stale(device));
       if (device) this.controller.show(device);
       if (device) this.joystick.show(device);
+      this.modeLine.show(device, device && this.stale(device));
       this.compare.show(device);
       this.experiment.show(device);
       if (device) this.target.describe(device.last('reference'));

@@ -1,20 +1,13 @@
 // Numbers, faults, timing, camera and events of the device that is shown.
 
-import { byId, clock, element, number, Rows, say } from './text.js';
+import { meaning, modeOf } from './modes.js';
+import { byId, clock, element, inClicks, number, Rows, say } from './text.js';
 
-const MODES = {
-  DISARMED: 'drive off',
-  READY: 'drive on, no torque: waits for board and ball',
-  RUNNING: 'drive on, the controller acts',
-  STOPPING: 'brakes the hoop, then disarms',
-  FAULT: 'drive off until somebody acknowledges',
-};
 const BOARD_STATUS = ['enabled', 'time-out latched', 'torque limited', 'fault'];
 const BOARD_ERRORS = ['crc', 'seq gap', 'overcurrent', 'encoder', 'supply', 'overspeed'];
 const DEGREES = 180 / Math.PI;
 const MEAN_ROWS = 100; // two seconds
 const SHOWN_EVENTS = 60;
-const plain = text => `${text}`.replace(/`([^`]*)`/g, '“$1”');
 const milliseconds = seconds => `${number(seconds * 1e3, 2)} ms`;
 const bits = (value, names) => names.filter((_, bit) => value & (1 << bit)).join(', ') || 'none';
 
@@ -42,10 +35,10 @@ export class Panels {
   }
 
   showMode(device, stale) {
-    const mode = device.word('mode') || device.state.status.mode || '–', place = byId('mode');
+    const mode = modeOf(device) || '–', place = byId('mode');
     say(place, stale ? `${mode} ?` : mode);
     place.dataset.mode = stale ? 'stale' : mode;
-    say(byId('mode-detail'), stale ? 'nothing comes from this device: these are its last numbers' : MODES[mode] ?? '');
+    say(byId('mode-detail'), stale ? 'nothing comes from this device: these are its last numbers' : meaning(device));
   }
 
   showNumbers(device) {
@@ -68,8 +61,8 @@ export class Panels {
     if (now === this.shownFaults) return;
     this.shownFaults = now;
     const rows = faults.map(name => element('div', { class: 'fault' },
-      element('strong', {}, name), element('p', {}, causes[name]?.meaning ?? ''),
-      element('p', { class: 'clears' }, causes[name]?.clears ? `clears: ${plain(causes[name].clears)}` : '')));
+      element('strong', {}, name), element('p', {}, inClicks(causes[name]?.meaning ?? '')),
+      element('p', { class: 'clears' }, causes[name]?.clears ? `clears: ${inClicks(causes[name].clears)}` : '')));
     const none = element('p', { class: 'none' }, 'none');
     const arm = arming ? [element('p', { class: 'arming' }, `arming: ${arming}`)] : [];
     byId('faults').replaceChildren(...(rows.length ? rows : [none]), ...arm);
@@ -118,7 +111,7 @@ export class Panels {
     if (newest === this.shownEvent) return;
     this.shownEvent = newest;
     const rows = device.events.filter(one => one.event !== 'speed' || one.level !== 'debug').slice(-SHOWN_EVENTS).reverse().map(event => {
-      const fields = Object.entries(event.fields ?? {}).map(([name, value]) => `${name === event.event ? '' : `${name} `}${typeof value === 'object' ? JSON.stringify(value) : value}`);
+      const fields = Object.entries(event.fields ?? {}).map(([name, value]) => `${name === event.event ? '' : `${name} `}${typeof value === 'object' ? JSON.stringify(value) : inClicks(value)}`);
       return element('li', { 'data-level': String(event.level) }, element('time', {}, clock(event.wall)),
         element('b', {}, String(event.event)), element('span', {}, fields.join(' · ')));
     });

@@ -47,6 +47,17 @@ export function short(value) {
   return number(value, size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : size >= 1 ? 3 : 4);
 }
 
+// What the page does for a command that a daemon or a job names: a click instead of a shell's word.
+const CLICKS = {
+  arm: '“Arm”', disarm: 'STOP', stop: '“Brake and stop”', clear: '“Clear faults”', controller: '“Load” (Drive)', experiment: '“Play” (Try)', compare: '“Start” (Try)',
+  calibrate: '“Calibrate”', calibration: '“Calibrate”', diagnose: 'a job “diagnose” (Work)', design: 'a job “design” (Work)', fit: 'a job “fit” (Work)', identify: 'a job “identify” (Work)', plot: '“Plot” (Work)',
+};
+const OPTIONS = { 'without --yes': 'unless “A doubtful model” is “write it, too”' };
+
+/** A sentence of a daemon or a job, with the page's own words for what it would type in a shell. */
+export const inClicks = text => Object.entries(OPTIONS).reduce((said, [option, click]) => said.replaceAll(option, click),
+  `${text}`.replace(/`hoopd (\w+)[^`]*`/g, (whole, name) => CLICKS[name] ?? whole).replace(/`([^`]*)`/g, '“$1”'));
+
 /** Wall clock of a moment, s since 1970. */
 export const clock = (seconds, decimals = 0) => {
   const at = new Date(seconds * 1e3);

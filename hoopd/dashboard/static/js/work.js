@@ -2,7 +2,7 @@
 
 import { Jobs } from './jobs.js';
 import { Recordings } from './recordings.js';
-import { byId, say } from './text.js';
+import { byId, element, say } from './text.js';
 
 const ASK_MS = 1500;
 
@@ -54,8 +54,9 @@ export class Work {
     }
   }
 
-  /** A page of results, inside this one. */
-  open(title, address) {
+  /** A page of results, inside this one; `steps`: buttons that do what its commands would. */
+  open(title, address, steps = []) {
+    byId('viewer-steps').replaceChildren(...(steps.length ? [element('span', { class: 'detail' }, 'What the report asks for by a command is a click here:'), ...steps] : []));
     byId('viewer').hidden = false;
     say(byId('viewer-title'), title);
     byId('viewer-link').href = address;

@@ -1,0 +1,58 @@
+// The mode of a device and what is behind it, in words: the same on every view and in every hint.
+
+import { element, inClicks, say } from './text.js';
+
+const MODES = {
+  DISARMED: 'drive off',
+  READY: 'drive on, no torque: waits for board and ball',
+  RUNNING: 'drive on, the controller acts',
+  STOPPING: 'brakes the hoop, then disarms',
+  FAULT: 'drive off until somebody acknowledges',
+};
+const text = value => (typeof value === 'string' ? value : '');
+const names = value => (Array.isArray(value) ? value.filter(text) : []);
+
+export const modeOf = device => device?.word('mode') || text(device?.state.status.mode);
+
+/** Faults behind the mode: those that led to it, and those in the way of arming; each with what it means and what clears it. */
+export function reasons(device) {
+  const { because, causes: told, arming } = device?.state.status ?? {}, causes = told ?? {}, led = names(because);
+  const known = Object.keys(causes), hinders = ['DISARMED', 'FAULT'].includes(modeOf(device)) ? `${text(arming)}`.split(', ') : [];
+  return [...new Set([...led, ...hinders.filter(name => known.includes(name))])].map(name => (known.includes(name)
+    ? { name, meaning: text(causes[name]?.meaning), clears: inClicks(text(causes[name]?.clears)) } : { name, meaning: '', clears: 'is over' }));
+}
+
+const told = ({ name, meaning, clears }) => `${name}${meaning ? ` (${meaning}${clears ? `; clears: ${clears}` : ''})` : ` (${clears})`}`;
+
+/** What a refused click says: the mode, and the faults behind it. */
+export function modeWords(device) {
+  const behind = reasons(device);
+  return `the mode is ${modeOf(device) || 'unknown'}${behind.length ? `: ${behind.map(told).join(', ')}` : ''}`;
+}
+
+/** What the mode means, or why it is another one than somebody wants. */
+export function meaning(device) {
+  const behind = reasons(device), mode = modeOf(device);
+  return behind.length ? `${mode === 'FAULT' ? 'drive off' : MODES[mode] ?? ''}: ${behind.map(told).join(', ')}` : MODES[mode] ?? '';
+}
+
+/** A line on every view but the first, which says it larger. */
+export class ModeLine {
+  constructor(place, page) {
+    this.place = place;
+    this.page = page;
+    this.mode = element('strong');
+    this.words = element('span');
+    this.clear = element('button', { type: 'button', onclick: () => page.commands.send('clear') }, 'Clear faults');
+    place.append(this.mode, this.words, this.clear);
+  }
+
+  show(device, stale) {
+    const mode = stale ? 'stale' : modeOf(device);
+    this.place.hidden = this.page.views.shown === 'drive' || !device;
+    this.place.dataset.mode = mode;
+    say(this.mode, stale ? `${modeOf(device) || '–'} ?` : mode || '–');
+    say(this.words, stale ? 'nothing comes from this device: this is what it told last' : meaning(device));
+    this.clear.hidden = stale || mode !== 'FAULT' || !this.page.commands.user;
+  }
+}

@@ -1,0 +1,64 @@
+"""What was found and how sure it is in one plain sentence a finding, for who knows no nats.
+
+Rules of this file: nothing is judged here, only said. Two questions are kept apart: whether something is missing there
+at all, which the gain over what chance reaches tells, and which law it follows, which the probability tells.
+"""
+
+from __future__ import annotations
+
+from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
+from hoopd.diagnose.report.headline import MOST_TOLD, kept, verdict_sentence
+from hoopd.diagnose.report.sentences import LEAST_LIKELY
+from hoopd.plots.number_format import chance, listed, safe
+
+# Nats beyond what is needed, from which on a doubt is one in 20 000, and one in 20.
+CERTAIN_NATS, LIKELY_NATS = 10.0, 3.0
+# A law that is likelier than this is as good as told.
+TOLD = 0.95
+RIVALS = 2
+
+
+def summary(diagnosis: Diagnosis) -> str:
+    """The plain sentences; where nothing is named, the verdict."""
+    return plain_sentence(diagnosis) or verdict_sentence(diagnosis)
+
+
+def plain_sentence(diagnosis: Diagnosis) -> str:
+    """One sentence for each finding that held-out data do not deny; empty without any."""
+    return " ".join(_sentence(one, diagnosis) for one in kept(diagnosis)[:MOST_TOLD])
+
+
+def _sentence(effect: EffectFinding, diagnosis: Diagnosis) -> str:
+    place = safe(effect.name.partition(".")[2] if effect.is_unknown else effect.slot)
+    there = f"Something is {_sure(effect)} missing at the {place}"
+    if effect.is_unknown:
+        return f"{there}; no known law describes it."
+    name, law = safe(effect.name), effect.probability
+    if law is None:
+        return f"{there}; of the known laws {name} describes it best."
+    if law > TOLD:
+        return f"{there}; which law it follows is known, too: {name}, {chance(law)} likely."
+    return (
+        f"{there}; that it is {name} is {chance(law)} likely, the other {chance(1.0 - law)} {_rest(effect, diagnosis)}."
+    )
+
+
+def _sure(effect: EffectFinding) -> str:
+    """How sure it is that something is there, whatever it is called."""
+    gain, needed = effect.evidence.log_likelihood_gain, effect.evidence.threshold
+    if effect.status not in (None, "confirmed") or gain is None or needed is None:
+        return "probably"
+    beyond = gain - needed
+    return "certainly" if beyond >= CERTAIN_NATS else "almost certainly" if beyond >= LIKELY_NATS else "probably"
+
+
+def _rest(effect: EffectFinding, diagnosis: Diagnosis) -> str:
+    """What it is otherwise: laws of the same place, the likeliest first, or none that is known."""
+    named = {one.name for one in diagnosis.effects}
+    likely = [(one.probability or 0.0, one.name) for one in diagnosis.candidates if one.name not in named]
+    here = sorted(one for one in likely if one[1].partition(".")[0] == effect.slot and one[0] >= LEAST_LIKELY)
+    rivals = [f"{name} ({chance(value)})" for value, name in here[::-1][:RIVALS]]
+    none = next((value for value, name in likely if name == NONE_OF_THESE), 0.0)
+    if none >= LEAST_LIKELY and len(named) == 1:
+        rivals.append(f"a law that is not known here ({chance(none)})")
+    return f"are mostly {listed(rivals)}" if rivals else "are shared among other laws at the same place"
