@@ -15,11 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from hoopd.core.records import Command
+from hoopd.core.records import CameraSample, Command, TickRecord
 from hoopd.recording import load
 from hoopd.recording.mcap import read_run
 
 KEPT = Path(__file__).parent / "data" / "before_the_move"
+# A tick and a picture as they were then.
+TICK_FIELDS = TickRecord._fields[: TickRecord._fields.index("distance")]
+CAMERA_FIELDS = CameraSample._fields.index("direction")
 COLUMNS = ("t", "u", "theta", "dtheta", "current", "psi", "y_t", "psi_t")
 
 
@@ -44,7 +47,7 @@ def column_digest(column: Any) -> str:
 def contents(path: Path) -> dict[str, Any]:
     """Digests of what a run holds beside its columns: the fields of its ticks, its inputs, events and header texts."""
     run = read_run(path)
-    ticks = {name: _digest(_text([getattr(tick, name) for tick in run.ticks])) for name in run.ticks[0]._fields}
+    ticks = {name: _digest(_text([getattr(tick, name) for tick in run.ticks])) for name in TICK_FIELDS}
     header = {name: _digest(getattr(run.header, name).encode()) for name in ("config", "model", "controller", "law")}
     return {
         "rows": len(run.ticks),
@@ -69,6 +72,8 @@ def _plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, Command) and not value.text:
         value = value[:3]  # the digests are from before commands brought a text
+    if isinstance(value, CameraSample):
+        value = value[:CAMERA_FIELDS]
     if isinstance(value, Mapping):
         return sorted((str(key), _plain(item)) for key, item in value.items())
     return [_plain(item) for item in value] if isinstance(value, Iterable) else value

@@ -87,7 +87,7 @@ def strip(one: Played) -> list[tuple[float, NDArray[np.uint8]]]:
         k = round(share * (len(plan) - 1))
         t = float(one.run.t[k])
         row = int(np.argmin(np.abs(one.state.t - t)))
-        true = tuple(float(column[row]) for column in one.state[1:])
+        true = tuple(float(column[row]) for column in one.state[1:5])
         picture = scene.render(k, true)  # type: ignore[arg-type]
         _ring(picture, scene, float(plan[k, 2]) + one.run.bottom)
         x, y = scene.ball_centre(float(one.run.states[k, 2]))

@@ -24,6 +24,7 @@ from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 # (x, torque N m, h s <= 20 ms) -> state after h, and its derivative by x (4, 4)
 Step = Callable[[Vector, float, float], tuple[Vector, Vector]]
 
+ROLLING = "rolling"  # the mode that this filter knows; those of a ball that flies are `hybrid_estimator`'s
 LONGEST_STEP_S = 0.02  # what a `Step` is accurate for
 SAME_INSTANT_S = 1e-3  # a sample this close to a torque switch was taken by the same request
 RESTART_GAP_S = 1.0  # a gap this long outlives the ball's swing: start again rather than predict
@@ -67,12 +68,29 @@ class EkfSettings:
 class _Node:
     """One instant of the past: torque from here on, what was measured here, state and covariance after it."""
 
-    __slots__ = ("dtheta", "p", "psi", "q", "start_ball", "start_hoop", "t", "theta", "u", "x")
+    __slots__ = (
+        "distance",
+        "dtheta",
+        "free",
+        "mode",
+        "p",
+        "psi",
+        "q",
+        "start_air",
+        "start_ball",
+        "start_hoop",
+        "t",
+        "theta",
+        "u",
+        "x",
+    )
 
-    def __init__(self, t: float, u: float, q: Vector, x: Vector, p: Vector) -> None:
-        self.t, self.u, self.q, self.x, self.p = t, u, q, x, p  # u and q from here on
-        self.theta = self.dtheta = self.psi = nan  # NaN: not measured here
-        self.start_hoop = self.start_ball = False  # the measurement replaces the prediction
+    def __init__(self, t: float, u: float, q: Vector, x: Vector, p: Vector, mode: str = ROLLING) -> None:
+        self.t, self.u, self.q, self.x, self.p, self.mode = t, u, q, x, p, mode  # u and q from here on
+        self.free = False  # from here on the ball may leave its mode
+        self.theta = self.dtheta = self.psi = self.distance = nan  # NaN: not measured here
+        # the measurement replaces the prediction
+        self.start_hoop = self.start_ball = self.start_air = False
 
 
 class DelayedEkf:
@@ -108,11 +126,13 @@ class DelayedEkf:
         *,
         held: bool = False,
         unmodelled: float = 0.0,
+        may_fly: bool = False,
     ) -> Estimate:
         """Estimate at `t`: the torque acts since `t_applied`; None or NaN samples predict only; times in s.
 
         `held`: nobody controls the ball, so that a hand may hold it or carry it round against the model. `unmodelled`:
-        density of what a fast motion adds to the ball's unmodelled accelerations, (rad/s)^2/s.
+        density of what a fast motion adds to the ball's unmodelled accelerations, (rad/s)^2/s. `may_fly`: nothing to
+        this filter, whose ball rolls.
         """
         self._open(t)
         hoop, judged = (nan, nan, nan), (False, nan, nan)
@@ -123,7 +143,7 @@ class DelayedEkf:
             judged = self._fuse_camera(camera)
         node = self._insert(switch)
         node.u = torque_previous if isfinite(torque_previous) else 0.0
-        node.q = self._q_held if held else self._q_free
+        node.q, node.free = self._q_held if held else self._q_free, may_fly
         if unmodelled > 0.0 and not held:
             node.q = np.array([*self.settings.q[:3], self.settings.q[3] + unmodelled])
         if driver is not None:
@@ -156,8 +176,8 @@ class DelayedEkf:
         """A new node with the predicted state, the last one at its time."""
         index = self._index_before(t)
         node = self._nodes[index]
-        x, p = self._predict(node, t)
-        new = _Node(t, node.u, node.q, x, p)
+        new = _Node(t, node.u, node.q, *self._predict(node, t))
+        new.free = node.free
         self._nodes.insert(index + 1, new)
         return new
 
@@ -178,7 +198,7 @@ class DelayedEkf:
         nodes = self._nodes
         for index in range(nodes.index(node) + 1, len(nodes)):
             before, after = nodes[index - 1], nodes[index]
-            after.x, after.p = self._predict(before, after.t)
+            after.x, after.p, after.mode = self._predict(before, after.t)
             self._absorb(after)
 
     # ------------------------------------------------------------------------------------------ samples
@@ -236,8 +256,8 @@ class DelayedEkf:
     def _start_variance(self) -> tuple[float, float, float, float]:
         return (tau**2, self.settings.start_dtheta, 1.0, self.settings.start_dpsi)
 
-    def _predict(self, node: _Node, t: float) -> tuple[Vector, Vector]:
-        """State and covariance of a node carried on to `t`: x' = f(x, u, h), P' = F P F' + q h."""
+    def _predict(self, node: _Node, t: float) -> tuple[Vector, Vector, str]:
+        """State, covariance and mode of a node carried on to `t`: x' = f(x, u, h), P' = F P F' + q h."""
         x, p, h = node.x, node.p, t - node.t
         while h > 0.0:
             piece = min(h, LONGEST_STEP_S)
@@ -246,16 +266,23 @@ class DelayedEkf:
             p = 0.5 * (p + p.T)  # symmetric to the bit
             p.ravel()[::5] += node.q * piece
             h -= piece
-        return x, p
+        return x, p, ROLLING
 
     def _absorb(self, node: _Node) -> None:
         """Correct a node's state by what was measured there."""
+        self._absorb_hoop(node)
+        self._absorb_ball(node)
+
+    def _absorb_hoop(self, node: _Node) -> None:
         s = self.settings
         if node.start_hoop:
             self._start(node, 0, (node.theta, node.dtheta), (s.r_theta, s.r_dtheta))
         elif node.theta == node.theta:  # not NaN
             self._measure(node, 0, node.theta, s.r_theta)
             self._measure(node, 1, node.dtheta, s.r_dtheta)
+
+    def _absorb_ball(self, node: _Node) -> None:
+        s = self.settings
         if node.start_ball:
             self._start(node, 2, (node.psi, 0.0), (s.r_psi, s.start_dpsi))
         elif node.psi == node.psi:

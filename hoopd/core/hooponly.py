@@ -28,6 +28,7 @@ class HoopOnly:
         *,
         held: bool,
         unmodelled: float = 0.0,
+        may_fly: bool = False,
     ) -> Estimate:
         """Ready from the first answer of the board on."""
         if driver is not None and isfinite(driver.theta) and isfinite(driver.dtheta):

@@ -31,6 +31,7 @@ class Estimator(Protocol):
         *,
         held: bool,
         unmodelled: float = 0.0,
+        may_fly: bool = False,
     ) -> Estimate: ...
 
     def reset(self) -> None: ...

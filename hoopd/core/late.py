@@ -53,12 +53,15 @@ class LateEstimator:
         *,
         held: bool = False,
         unmodelled: float = 0.0,
+        may_fly: bool = False,
     ) -> Estimate:
         """As `DelayedEkf.update`."""
         self._send(torque_previous, t_applied)
         self._arrive(t)
         seen = (self._hoop(driver), self._picture(camera))
-        estimate = self.inner.update(t, self._acting, self._since, *seen, held=held, unmodelled=unmodelled)
+        estimate = self.inner.update(
+            t, self._acting, self._since, *seen, held=held, unmodelled=unmodelled, may_fly=may_fly
+        )
         return estimate._replace(ahead=self._ahead(t, estimate.x)) if self.delays.torque_s > 0.0 else estimate
 
     # ------------------------------------------------------------------------------------------ torque
@@ -95,7 +98,8 @@ class LateEstimator:
         if camera is None:
             return None
         _, _, psi = self._corrected(0.0, 0.0, camera.psi)
-        return camera._replace(t=camera.t - self.delays.camera_s, psi=psi)
+        _, _, direction = self._corrected(0.0, 0.0, camera.direction)
+        return camera._replace(t=camera.t - self.delays.camera_s, psi=psi, direction=direction)
 
     def _corrected(self, theta: float, dtheta: float, psi: float) -> tuple[float, float, float]:
         return (theta, dtheta, psi) if self._correct is None else self._correct(theta, dtheta, psi)

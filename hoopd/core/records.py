@@ -30,6 +30,9 @@ class CameraSample(NamedTuple):
     x_px: float  # ball centre, NaN when no ball was found
     y_px: float
     corners: int = 0  # checksum of the picture's corners, which show neither hoop nor ball; 0: not told
+    # the ball's place in the hoop's plane, wherever it is: psi is NaN off its track; NaN when no ball was found
+    direction: float = nan  # rad, as psi
+    distance: float = nan  # of the ball's centre from the axis, in shares of its track's radius
 
 
 class DriverSample(NamedTuple):
@@ -82,6 +85,15 @@ class Inputs(NamedTuple):
     trouble: int  # bit0 recorder drops or cannot write, bit1 telemetry drops
 
 
+class BallPlace(NamedTuple):
+    """Of a ball that may leave the hoop: what it is believed to do, and where it is."""
+
+    mode: str  # rolling | air
+    probability: float  # of that mode, 0..1
+    distance: float  # of its centre from the axis, in shares of its track's radius
+    surprise: float = nan  # innovation of the distance over what is expected of it, NaN without one
+
+
 class Estimate(NamedTuple):
     """State estimate at the tick's time."""
 
@@ -94,6 +106,7 @@ class Estimate(NamedTuple):
     # innovations of theta, dtheta and psi over what the filter expects of them (1: its own), NaN without a sample
     surprise: tuple[float, float, float] = (nan, nan, nan)
     ahead: Vector | None = None  # (4,) where the plant will be when this tick's torque acts; None: at once
+    ball: BallPlace | None = None  # None: it rolls, and nothing else is thought of
 
 
 class TorqueCommand(NamedTuple):
@@ -124,3 +137,7 @@ class TickRecord(NamedTuple):
     errors: int  # of the board
     lateness_s: float
     execution_s: float
+    distance: float = nan  # shares of the track; NaN when no ball was seen
+    ball_mode: str = ""  # what the ball is believed to do, where it may leave the hoop; empty: it rolls
+    mode_probability: float = nan
+    distance_hat: float = nan  # estimate at t

@@ -115,6 +115,10 @@ class Succession:
         told = self._of_a_plan("unmodelled", mode)
         return told if isinstance(told, float) else 0.0
 
+    def may_fly(self, mode: Mode) -> bool:
+        """Whether the acting law's plan lets the ball leave the hoop."""
+        return self._of_a_plan("may_fly", mode) is True
+
     def _of_a_plan(self, name: str, mode: Mode) -> object:
         """What a law tells of the plan that it plays, while it acts."""
         return getattr(self.acting.law, name, None) if self.purpose == EXPERIMENT and mode is Mode.RUNNING else None

@@ -137,6 +137,7 @@ class Tick:
             inputs.camera,
             held=self.mode is not Mode.RUNNING,
             unmodelled=self.succession.unmodelled(self.mode),
+            may_fly=self.succession.may_fly(self.mode),
         )
 
     def _own_events(self, inputs: Inputs, estimate: Estimate) -> frozenset[Event]:
@@ -298,6 +299,7 @@ class Tick:
     def _record(self, inputs: Inputs, estimate: Estimate, command: TorqueCommand) -> TickRecord:
         driver, camera = inputs.driver, inputs.camera
         x0, x1, x2, x3 = estimate.x.tolist()
+        ball = estimate.ball
         return TickRecord(
             t=inputs.t,
             id=inputs.id,
@@ -315,6 +317,10 @@ class Tick:
             errors=0 if driver is None else driver.errors,
             lateness_s=inputs.lateness_s,
             execution_s=inputs.execution_s,
+            distance=nan if camera is None else camera.distance,
+            ball_mode="" if ball is None else ball.mode,
+            mode_probability=nan if ball is None else ball.probability,
+            distance_hat=nan if ball is None else ball.distance,
         )
 
     def _note(self, name: str, level: str, **fields: Any) -> None:

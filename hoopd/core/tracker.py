@@ -158,6 +158,11 @@ class MotionTracker:
             return 0.0
         return self.plan.flight.unmodelled if self.plan.flight and self._flies else self.plan.unmodelled
 
+    @property
+    def may_fly(self) -> bool:
+        """Whether the ball may be in the air: of a throw, from its first tick until the maneuver is over."""
+        return self.plan.flight is not None and self._k > 0 and not self.ended
+
     def update(self, measurement: Measurement) -> tuple[float, Log]:
         """The next torque; zero once it has ended."""
         if not self.ended and self._k == 0:

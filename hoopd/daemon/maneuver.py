@@ -27,6 +27,7 @@ from hoopd.files.controller import parse_controller
 from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
+from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
 from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import RecordedRun, read_run
@@ -35,7 +36,6 @@ from hoopd.shell.config import Config, SimEffect
 
 # A repeat of one maneuver at most as long as it may take: rest, plan, brake of one that is given up, settling.
 BRAKE_S = 4.0
-LIFT_OFF = "ball.lift_off"
 
 
 class AskedManeuver(NamedTuple):
@@ -60,7 +60,7 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     check_options(options._replace(duration_s=inf), config)
     where.check()
     if options.sim:
-        config = _with_flights(config, options.config)
+        config = _with_flights(config, options.config, seen=asked.trajectory.plan.flight is not None)
     texts = read_texts(config, options.config)
     conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
     options = options._replace(duration_s=_longest(asked, options))
@@ -71,8 +71,11 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     return _told(asked, conductor, summary, parts[0], texts)
 
 
-def _with_flights(config: Config, config_path: Path | None) -> Config:
-    """The rig's ball may leave the hoop: one that is glued to it would go round whatever the plan."""
+def _with_flights(config: Config, config_path: Path | None, *, seen: bool) -> Config:
+    """The rig's ball may leave the hoop: one that is glued to it would go round whatever the plan. `seen`: the detector
+    looks for it in the air, too."""
+    if seen:
+        config = msgspec.structs.replace(config, vision=msgspec.structs.replace(config.vision, flying=True))
     told = {entry.name for entry in load_model(configuration.find(config.sim.model, config_path)).effects}
     if LIFT_OFF in told | {entry.name for entry in config.sim.effects}:
         return config

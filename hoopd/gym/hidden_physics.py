@@ -14,9 +14,9 @@ import numpy as np
 from hoopd.files.model import ModelFile
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, checked
+from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.model_file import effects_of, load_model
 
-LIFT_OFF = "ball.lift_off"
 # Weighed and measured, or nature's: not drawn.
 KNOWN = frozenset({"g", "Ro", "Rb", "mb"})
 LARGEST_SPREAD = 0.5

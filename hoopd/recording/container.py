@@ -133,8 +133,8 @@ class ChunkedFile:
 
     def _write_out(self) -> None:
         data = _taken(self._out)
-        self._offset += len(data)
         write_all(self._sink, data)
+        self._offset += len(data)
 
     def _close_chunk(self) -> None:
         messages, self._messages = self._messages, {}

@@ -18,6 +18,7 @@ from hoopd.recording.tables import in_tick_form
 _NAN = float("nan")
 _EMPTY = {"mode": "", "x_hat": (_NAN,) * 4, "reference": _NAN, "status": 0, "errors": 0}
 _EMPTY_TIMES = {"lateness_s": _NAN, "execution_s": _NAN}
+_EMPTY_BALL = {"distance": _NAN, "ball_mode": "", "mode_probability": _NAN, "distance_hat": _NAN}
 
 
 def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
@@ -47,4 +48,4 @@ def _column(recording: Recording, name: str) -> Any:
         return recording.extra[name].tolist()
     if name == "id":
         return range(len(recording))
-    return [{**_EMPTY, **_EMPTY_TIMES}[name]] * len(recording)
+    return [{**_EMPTY, **_EMPTY_TIMES, **_EMPTY_BALL}[name]] * len(recording)

@@ -22,7 +22,11 @@ from hoopd.core.records import CameraSample, Command, DriverSample, Inputs, Link
 from hoopd.recording.schemas import OPTIONAL, RECORDS, LogEvent
 
 # Fields that recordings made before them lack, and what they are then.
-LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {CameraSample: {"corners": 0}, Command: {"text": ""}}
+LATER_FIELDS: Mapping[type, Mapping[str, Any]] = {
+    CameraSample: {"corners": 0, "direction": None, "distance": None},
+    Command: {"text": ""},
+    TickRecord: {"distance": None, "ball_mode": "", "mode_probability": None, "distance_hat": None},
+}
 
 # What a counter or a bit field holds anywhere else, too; JSON has no end.
 Word = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
@@ -58,7 +62,11 @@ def row_type(record: type) -> type[msgspec.Struct]:
 def _sparse_type(record: type) -> type[msgspec.Struct]:
     """The row of a record in which its optional fields may be absent, which is missing."""
     wire = {name: _wire(hint) for name, hint in get_type_hints(record).items()}
-    fields = [(n, wire[n] | None, None) if n in OPTIONAL[record] else (n, wire[n]) for n in RECORDS[record]]
+    empty = {str: ("",)}
+    fields = [
+        (n, wire[n] | None, *empty.get(wire[n], (None,))) if n in OPTIONAL[record] else (n, wire[n])
+        for n in RECORDS[record]
+    ]
     return msgspec.defstruct(record.__name__ + "SparseRow", fields, kw_only=True, gc=False)
 
 
@@ -103,16 +111,22 @@ def _all_finite(values: Iterable[float]) -> bool:
 
 _X_HAT = TickRecord._fields.index("x_hat")
 _UNKNOWN = (_NAN,) * 4
+# Those that a ball brings which may leave the hoop come last.
+_BALL = TickRecord._fields.index("ball_mode")
 _optional_numbers = itemgetter(
-    *(k for k, name in enumerate(TickRecord._fields) if name in OPTIONAL[TickRecord] and k != _X_HAT)
+    *(k for k, name in enumerate(TickRecord._fields[:_BALL]) if name in OPTIONAL[TickRecord] and k != _X_HAT)
 )
+_NO_BALL = (UNSET,) * (len(TickRecord._fields) - _BALL)
 
 
 def encode_tick(record: TickRecord) -> bytes:
     """Row of the `tick` channel: a number that is missing, or is none, is left out."""
-    if _all_finite(_optional_numbers(record)) and _all_finite(record.x_hat):
-        return _encoder.encode(_TickRow(*record))
+    rolls = not record.ball_mode and isnan(record.mode_probability) and isnan(record.distance_hat)
+    if rolls and _all_finite(_optional_numbers(record)) and _all_finite(record.x_hat):
+        return _encoder.encode(_TickRow(*record[:_BALL], *_NO_BALL))
     values = [UNSET if isinstance(value, float) and not isfinite(value) else value for value in record]
+    if not record.ball_mode:
+        values[_BALL] = UNSET
     if all(map(isnan, record.x_hat)):
         values[_X_HAT] = UNSET
     return _encoder.encode(_TickRow(*values))

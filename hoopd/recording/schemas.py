@@ -42,6 +42,14 @@ TICK: Table = {
     "errors": FieldDescription("", "board: bit0 crc, 1 seq gap, 2 overcurrent, 3 encoder, 4 supply, 5 overspeed"),
     "lateness_s": FieldDescription("s", "start of this tick against its deadline"),
     "execution_s": FieldDescription("s", "duration of the previous tick, slots taken to frame written"),
+    "distance": FieldDescription(
+        "", "of the ball from the axis at psi_t, in shares of its track's radius; missing when no new ball was seen"
+    ),
+    "ball_mode": FieldDescription(
+        "", "while a ball may leave the hoop what it does, as estimated at t: rolling or air; else empty"
+    ),
+    "mode_probability": FieldDescription("", "of ball_mode, 0 to 1; else missing"),
+    "distance_hat": FieldDescription("", "estimate of the distance at t, while a ball may leave the hoop"),
 }
 
 CAMERA: Table = {
@@ -54,6 +62,10 @@ CAMERA: Table = {
     "y_px": FieldDescription("px", "ball centre, downwards; null when no ball was found"),
     "corners": FieldDescription(
         "", "checksum of the picture's four corners, by which equal pictures are known; 0 when not told"
+    ),
+    "direction": FieldDescription("rad", "of the ball from the axis, as psi, wherever it is; null when none was found"),
+    "distance": FieldDescription(
+        "", "of the ball from the axis, in shares of its track's radius; null when none was found"
     ),
 }
 
@@ -137,7 +149,7 @@ CHANNELS: Mapping[str, tuple[str, type]] = {
 # them: no schema without unions says that.
 DESCRIBED = ("tick", "event")
 TOPIC_PREFIX = "/hoopd/"  # recordings made before it have the channel's bare name as topic
-# Fields that a row leaves out when their number is missing.
+# Fields that a row leaves out when their number is missing, or their text is empty.
 OPTIONAL: Mapping[type, frozenset[str]] = {
     records.TickRecord: frozenset(TICK) - {"t", "id", "mode", "status", "errors"},
 }

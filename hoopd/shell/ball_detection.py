@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import replace
-from math import nan
+from math import cos, nan, sin, tau
+from statistics import fmean
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from hoopd.vision.detector import Detection, Detector, DetectorSettings, Image, 
 
 # Side of the four squares by which equal pictures are known: the hoop is a circle, its picture a rectangle.
 CORNER_PX = 32
+# Of the circle, by which a homography's track is measured.
+CIRCLE_POINTS = 36
 
 
 class Analyser:
@@ -27,6 +30,8 @@ class Analyser:
     def __init__(self, vision: Vision, minimum_confidence: float) -> None:
         self._detector = Detector(detector_settings(vision, minimum_confidence))
         self._to_angle = _pixel_to_angle(vision)
+        self._track = track_radius(vision, self._to_angle)
+        self._band = vision.band_px / vision.circle_px.radius
 
     def reset(self) -> None:
         """Forget where the ball was: the camera started again."""
@@ -44,8 +49,16 @@ class Analyser:
     def _sample(self, frame: int, t: float, t_arrival: float, found: Detection | None, corners: int) -> CameraSample:
         if found is None:
             return CameraSample(frame, t, t_arrival, nan, 0.0, nan, nan, corners)
-        angle = self._to_angle(found.x_px, found.y_px)
-        return CameraSample(frame, t, t_arrival, angle, found.confidence, found.x_px, found.y_px, corners)
+        direction, distance = self._to_angle(found.x_px, found.y_px), self._distance(found.x_px, found.y_px)
+        if distance < 1.0 - self._band:  # its place is known, but it is no ball on the hoop
+            return CameraSample(frame, t, t_arrival, nan, 0.0, found.x_px, found.y_px, corners, direction, distance)
+        return CameraSample(
+            frame, t, t_arrival, direction, found.confidence, found.x_px, found.y_px, corners, direction, distance
+        )
+
+    def _distance(self, x_px: float, y_px: float) -> float:
+        """Of the ball from the axis, in shares of its track's radius."""
+        return self._to_angle.distance(x_px, y_px) / self._track
 
 
 def corners_of(picture: Image) -> int:
@@ -72,10 +85,21 @@ def detector_settings(vision: Vision, minimum_confidence: float) -> DetectorSett
             ring_centre_px=vision.circle_px.centre,
             ring_radius_px=vision.circle_px.radius,
             ring_half_width_px=vision.band_px,
+            inside=vision.flying,
         )
         return replace(settings, min_confidence=minimum_confidence)
     except ValueError as error:
         raise InputError("configuration", "vision", str(error)) from None
+
+
+def track_radius(vision: Vision, to_angle: PixelToAngle) -> float:
+    """Radius of the ball's track as distances of `PixelToAngle` are measured: pixels, or the mean through a homography
+    of the circle on which the picture shows it."""
+    (x, y), radius = vision.circle_px.centre, vision.circle_px.radius
+    if vision.homography is None:
+        return radius
+    around = [k * tau / CIRCLE_POINTS for k in range(CIRCLE_POINTS)]
+    return fmean(to_angle.distance(x + radius * cos(a), y + radius * sin(a)) for a in around)
 
 
 def _pixel_to_angle(vision: Vision) -> PixelToAngle:

@@ -97,6 +97,7 @@ class Vision(Strict, frozen=True):
     zero_angle_rad: Annotated[float, Meta(ge=-3.2, le=3.2)] = 0.0
     ball_radius_px: BallSize = 23.0
     band_px: BallSize = 20.0  # the ball's centre lies this near to the circle
+    flying: bool = False  # a ball inside the circle is looked for, too: one that was thrown
 
     def __post_init__(self) -> None:
         """Refuse weights that see nothing and a homography that is none."""

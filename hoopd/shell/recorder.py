@@ -91,9 +91,13 @@ class _Sink:
             self._writer = self._file = None
 
     def abandon(self) -> None:
-        """Let the file go as it is, and remove it when no row of it is safe."""
-        file, empty = self._file, not self.proven
+        """Let the file go without what was half written, which the next one gets whole; remove it when no row of it is
+        safe."""
+        file, empty, size = self._file, not self.proven, self._writer.size if self._writer is not None else 0
         self._file = self._writer = None
+        with contextlib.suppress(OSError):
+            if file is not None:
+                file.truncate(size)
         with contextlib.suppress(OSError):
             if file is not None:
                 file.close()

@@ -121,7 +121,9 @@ class BoardProcess:
             for ring, look in self._rings:
                 ring.push(self._t_row + self._t_start, look(self._plant), shown_distance(self._plant))
             if self._truth and self._rows % TRUTH_ROWS == 0:
-                self._truth(self._t_row + self._t_start, state(self._plant))
+                self._truth(
+                    self._t_row + self._t_start, state(self._plant), float(getattr(self._plant, "distance", 1.0))
+                )
             self._t_row += ROW_S
             self._rows += 1
         if self._board.next_event() <= now:

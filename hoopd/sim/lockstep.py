@@ -37,7 +37,7 @@ class HostCodec(Protocol):
 class TruthSink(Protocol):
     """Takes the plant's true state (`hoopd.sim.truth`)."""
 
-    def __call__(self, t: float, state: tuple[float, float, float, float], /) -> None: ...
+    def __call__(self, t: float, state: tuple[float, float, float, float], distance: float, /) -> None: ...
 
 
 class MovedPlant(Protocol):
@@ -45,6 +45,9 @@ class MovedPlant(Protocol):
 
     @property
     def state(self) -> tuple[float, float, float, float]: ...
+
+    @property
+    def distance(self) -> float: ...
 
     @property
     def shown(self) -> tuple[float, float, float, float]: ...
@@ -92,7 +95,7 @@ class LockstepRig:
         self._run_until(self._ticks * self._period_s)
         self._psi.append((self._now, self._plant.state[2]))
         if self._truth is not None:
-            self._truth(self._now, self._plant.state)
+            self._truth(self._now, self._plant.state, self._plant.distance)
         if self._ticks % YIELD_EVERY == 0:
             await asyncio.sleep(0)
         return 1

@@ -25,6 +25,7 @@ class Truth(NamedTuple):
     dtheta: Column  # rad/s
     psi: Column  # rad, unwrapped
     dpsi: Column  # rad/s
+    distance: Column  # of the ball from the axis, in shares of what it is on the hoop; below 1 it flies
 
 
 class TruthFile:
@@ -34,9 +35,9 @@ class TruthFile:
         self._file = path.open("w", encoding="ascii")
         self._file.write(",".join(Truth._fields) + "\n")
 
-    def __call__(self, t: float, state: State) -> None:
+    def __call__(self, t: float, state: State, distance: float) -> None:
         """Write the plant's state at run time `t`."""
-        self._file.write(",".join(map(repr, (t, *state))) + "\n")
+        self._file.write(",".join(map(repr, (t, *state, distance))) + "\n")
 
     def __enter__(self) -> TruthFile:
         return self

@@ -22,6 +22,8 @@ from hoopd.vision.calibration import wrap
 State = lies.State
 # Off its track by more of its radius a ball is outside of the ring in which the detector looks (15 of 182 px).
 SEEN_SHARE = 0.08
+# Nearer to the axis than this share of the track a place has no direction.
+NEAREST = 0.05
 
 
 class Watcher(Protocol):
@@ -58,6 +60,7 @@ class DirectWatcher:
         frame_s: float = 0.02,
     ) -> None:
         self._script, self._rng = script, np.random.default_rng([seed, 2])
+        self._across = np.random.default_rng([seed, 5])  # of its own: the angles' noise is as without it
         self._noise, self._offset = noise_rad, offset_rad
         self._centre, self._radius = centre_px, radius_px
         self._disturbance, self._frame_s = disturbance, frame_s
@@ -66,7 +69,8 @@ class DirectWatcher:
     def see(self, frame: int, t: float, state: State, distance: float = 1.0) -> CameraSample:
         """One sample of the ball's angle; `distance`: of the ball from the axis, in shares of its track's radius."""
         noise = self._noise * self._rng.standard_normal()
-        sample = self._see(frame, t, state, noise, distance)
+        seen = distance + self._noise * self._across.standard_normal()
+        sample = self._see(frame, t, state, noise / max(distance, NEAREST), seen)
         if self._script.active(t, "pictures_frozen") is None:
             self._frozen = None
             return sample
@@ -82,10 +86,11 @@ class DirectWatcher:
             psi = shown + self._offset + noise + self._disturbance.of(t, self._frame_s)
         x = self._centre[0] - self._radius * distance * sin(psi)
         y = self._centre[1] + self._radius * distance * cos(psi)
+        direction = wrap(psi)
         if abs(distance - 1.0) > SEEN_SHARE:  # its place is known, but it is no ball on the hoop
-            return CameraSample(frame, t, t, nan, 0.0, x, y, frame)
+            return CameraSample(frame, t, t, nan, 0.0, x, y, frame, direction, distance)
         # what differs from picture to picture, as a sensor's noise does
-        return CameraSample(frame, t, t, wrap(psi), 1.0 if isfinite(psi) else 0.0, x, y, frame)
+        return CameraSample(frame, t, t, direction, 1.0 if isfinite(psi) else 0.0, x, y, frame, direction, distance)
 
 
 class PictureWatcher:

@@ -56,16 +56,24 @@ class PixelToAngle:
 
     def __call__(self, x_px: float, y_px: float) -> float:
         """psi in (-pi, pi]."""
+        down, left, _ = self._place(x_px, y_px)
+        # psi = atan2(p_y / p_z, p_x / p_z) - zero
+        return wrap(math.atan2(left, down) - self.zero_angle_rad)
+
+    def distance(self, x_px: float, y_px: float) -> float:
+        """From the axis: in pixels, through a homography in the units of its plane."""
+        down, left, scale = self._place(x_px, y_px)
+        return math.hypot(down, left) / scale if scale > 0.0 else math.inf
+
+    def _place(self, x_px: float, y_px: float) -> tuple[float, float, float]:
+        """From the axis, down and to the picture's left, and by what both are to be divided (above zero)."""
         if self.homography is None:
-            # psi = atan2(cx - x, y - cy) - zero
-            angle = math.atan2(self.centre_px[0] - x_px, y_px - self.centre_px[1])
-        else:
-            # p = H [x, y, 1], psi = atan2(p_y / p_z, p_x / p_z) - zero
-            h = self.homography
-            w = h[6] * x_px + h[7] * y_px + h[8]
-            px, py = h[0] * x_px + h[1] * y_px + h[2], h[3] * x_px + h[4] * y_px + h[5]
-            angle = math.atan2(math.copysign(1.0, w) * py, math.copysign(1.0, w) * px)
-        return wrap(angle - self.zero_angle_rad)
+            return y_px - self.centre_px[1], self.centre_px[0] - x_px, 1.0
+        # p = H [x, y, 1]
+        h = self.homography
+        w = h[6] * x_px + h[7] * y_px + h[8]
+        px, py = h[0] * x_px + h[1] * y_px + h[2], h[3] * x_px + h[4] * y_px + h[5]
+        return math.copysign(1.0, w) * px, math.copysign(1.0, w) * py, abs(w)
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,7 @@ class DetectorSettings:
     ring_centre_px: tuple[float, float] | None = None
     ring_radius_px: float = 0.0
     ring_half_width_px: float = 15.0
+    inside: bool = False  # a ball within the ring counts, too: one that flies
     min_confidence: float = 0.3
 
     def __post_init__(self) -> None:
@@ -78,6 +79,7 @@ class DetectorSettings:
         ring_centre_px: tuple[float, float] | None,
         ring_radius_px: float,
         ring_half_width_px: float,
+        inside: bool = False,
     ) -> DetectorSettings:
         """Settings whose window (64 px or more) and search step (8 or less) fit the ball."""
         return cls(
@@ -89,6 +91,7 @@ class DetectorSettings:
             ring_centre_px=ring_centre_px,
             ring_radius_px=ring_radius_px,
             ring_half_width_px=ring_half_width_px,
+            inside=inside,
         )
 
 
@@ -251,8 +254,8 @@ class Detector:
         settings = self.settings
         if settings.ring_centre_px is None:
             return True
-        distance = math.hypot(x - settings.ring_centre_px[0], y - settings.ring_centre_px[1])
-        return abs(distance - settings.ring_radius_px) <= settings.ring_half_width_px
+        off = math.hypot(x - settings.ring_centre_px[0], y - settings.ring_centre_px[1]) - settings.ring_radius_px
+        return (off if settings.inside else abs(off)) <= settings.ring_half_width_px
 
     def _prepare(self, shape: tuple[int, int]) -> None:
         """Masks of the ring band, made once for a picture size."""
@@ -290,7 +293,8 @@ def ring_mask(shape: tuple[int, int], settings: DetectorSettings) -> Image:
     distance = np.hypot(x - settings.ring_centre_px[0], y - settings.ring_centre_px[1])
     # the ball's radius with its tolerance, so that the mask never cuts the rim of a ball it should pass
     reach = settings.ring_half_width_px + settings.ball_radius_px * (1.0 + settings.radius_tolerance)
-    return np.where(np.abs(distance - settings.ring_radius_px) <= reach, 255, 0).astype(np.uint8)
+    off = distance - settings.ring_radius_px
+    return np.where((off if settings.inside else np.abs(off)) <= reach, 255, 0).astype(np.uint8)
 
 
 def i420_planes(yuv: Image, width: int, height: int, stride: int) -> tuple[Image, Image, Image]:

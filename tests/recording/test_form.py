@@ -21,7 +21,7 @@ from hoopd.recording.schemas import CHANNELS, DESCRIBED, OPTIONAL, LogEvent, sch
 NAN = math.nan
 WALL_NS = 1_700_000_000_123_456_789
 PLAIN = {"number": float, "integer": int, "string": str, "object": dict}
-FLOATS = [name for name in TickRecord._fields if name in OPTIONAL[TickRecord] and name != "x_hat"]
+FLOATS = [name for name in TickRecord._fields if name in OPTIONAL[TickRecord] and name not in ("x_hat", "ball_mode")]
 
 
 def tick(k: int, **changes: object) -> TickRecord:

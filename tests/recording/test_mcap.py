@@ -53,7 +53,11 @@ def tick(k: int, **changes: object) -> TickRecord:
 def inputs(k: int) -> Inputs:
     """What tick k knew."""
     t = k * 0.02
-    camera = None if k % 3 == 0 else CameraSample(k, t - 0.05, t - 0.01, math.sin(t), 0.9, 240.5, 400.25)
+    camera = (
+        None
+        if k % 3 == 0
+        else CameraSample(k, t - 0.05, t - 0.01, math.sin(t), 0.9, 240.5, 400.25, 0, math.sin(t), 1.0)
+    )
     driver = DriverSample(t - 0.02, k % 256, 1, 0, t, 0.3, 0.2, k * 20 % 65536)
     return Inputs(
         k, t, camera, driver, LinkCounts(1), (Command("tune", 0.5, "q_psi"),) if k == 5 else (), 1e-4, 5e-4, False, 0
@@ -107,6 +111,9 @@ def test_inputs_of_before_the_pictures_had_checksums_are_read() -> None:
     old = json.loads(rows.encode_input(row))
     assert old["camera"].pop("corners") == 0
     assert rows.decode_input(json.dumps(old).encode()) == row
+    del old["camera"]["direction"], old["camera"]["distance"]
+    camera = rows.decode_input(json.dumps(old).encode()).camera
+    assert camera is not None and math.isnan(camera.direction) and math.isnan(camera.distance)
     del old["camera"]["x_px"]
     with pytest.raises(msgspec.ValidationError):
         rows.decode_input(json.dumps(old).encode())

@@ -45,6 +45,7 @@ class Told:
         *,
         held: bool,
         unmodelled: float = 0.0,
+        may_fly: bool = False,
     ) -> Estimate:
         if driver is not None:
             self.theta, self.dtheta = driver.theta, driver.dtheta

@@ -11,6 +11,7 @@ from hoopd.plants.hoop.effects.flight import FlightRun
 from hoopd.plants.hoop.effects.flying_plant import FlyingPlant, in_the_air
 from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 
+LIFT_OFF = "ball.lift_off"  # of the hoop's own ball
 # A touch after which the ball rolls, whatever it takes.
 ALWAYS_ROLLS = 1e3
 

@@ -13,10 +13,12 @@ from hoopd.core.ballresponse import BallMotion
 from hoopd.core.encoderchecks import HoopMotion
 from hoopd.core.estimator import DelayedEkf, EkfSettings
 from hoopd.core.feedforward import WANTED, Bound, FeedForward, FeedForwardPart
+from hoopd.core.hybrid_estimator import HybridEkf
 from hoopd.core.late import Delays, LateEstimator
 from hoopd.plants.compensation import cancels, demand_of, in_order
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.found_effects import REGION_NAMES, FoundEffects, Region
+from hoopd.plants.hoop.loop.filter_modes import ball_modes
 from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.recordings.sensor_correction import correction
 
@@ -98,7 +100,7 @@ def estimator_with(found: FoundEffects, settings: EkfSettings) -> DelayedEkf | L
         settings = replace(settings, r_dtheta=NO_WEIGHT)
     settings = replace(settings, horizon_s=settings.horizon_s + max(delays.camera_s, delays.encoder_s))
     step = plant.filter_step
-    inner = DelayedEkf(step, settings)
+    inner = HybridEkf(step, ball_modes(found, filter_effects(found), step), settings)
     if correct is None and not any(delays):
         return inner
     return LateEstimator(inner, step, delays, correct)

@@ -13,12 +13,12 @@ import numpy as np
 
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.contact import contact_of
+from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.equations import runge_kutta
 from hoopd.plants.hoop.loop.writeback import filter_effects, filter_plant
 from hoopd.plants.hoop.maneuver.motion_limits import contact_weights, grip_weights
 from hoopd.plants.numeric_plant import FILTER_STEPS
 
-LIFT_OFF = "ball.lift_off"
 # Width of the smooth form of dry friction, rad/s of the rate that it acts against: a hundredth of a loop's speeds.
 FRICTION_WIDTH = 0.5
 

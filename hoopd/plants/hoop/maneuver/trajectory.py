@@ -40,9 +40,9 @@ START = Tolerances(dtheta_rad_s=1.5, psi_rad=0.08, dpsi_rad_s=0.6)
 ENVELOPE = Tolerances(dtheta_rad_s=35.0, psi_rad=0.9, dpsi_rad_s=9.0)
 # What a model leaves of an acceleration, and for how long alike.
 UNMODELLED_SHARE, UNMODELLED_S = 0.1, 0.4
-# A filter whose ball rolls does not know a flight: 50 rad/s^2, alike for a flight's time. Rows that a ball raises which
-# is not seen in the air, and which does not move as one that rolls.
-FLIGHT_UNMODELLED, FLIGHT_SUSPENDS = 400.0, ("ball_lost", "ball_implausible")
+# The filter follows a flight, but knows no bounce: a rad/s in a tick. Rows that a ball raises which is off its track,
+# and which does not move as one that rolls.
+FLIGHT_UNMODELLED, FLIGHT_SUSPENDS = 60.0, ("ball_lost", "ball_implausible")
 USUAL_WEIGHTS = TrackingWeights()
 
 

@@ -1,0 +1,162 @@
+"""The modes of a ball that may leave the hoop, as the filter needs them: from the declaration that the rig moves by.
+
+Rules of this file: guards and resets are those of `effects.contact_modes`, derivatives are exact; no equation is
+written here. Functions are small and made with the filter: the tick waits for none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.core.ball_modes import BallMode, BallModes, Passage, Step
+from hoopd.plants.compiled import Call
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
+from hoopd.plants.hoop.effects.contact_modes import AIR, ROLLING, ContactModes, on_track
+from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
+from hoopd.plants.hoop.effects.normal_force import signed_normal_force
+from hoopd.plants.hybrid_plant import Transition
+from hoopd.plants.numeric_plant import NumericPlant
+from hoopd.plants.plant_with_effects import Composite
+
+Array = NDArray[np.float64]
+
+# Width (rad/s) of the smooth form of dry friction in the rates on both sides of a passage.
+FRICTION_WIDTH = 0.5
+# Of what a touch changes in the rates along the hoop, the deviation of what it really does: from a touch without grip
+# to one after which the ball rolls at once.
+UNKNOWN_SHARE = 0.5
+# A guard that rises is not due: a ball that measurements place beyond its track and that moves inwards flies on.
+RISING_S = 1e-3
+# A passage that hardly crosses its guard has no time of its own.
+LEAST_RATE = 1e-9
+
+
+def ball_modes(found: FoundEffects, inside: FoundEffects, rolling: Step) -> BallModes:
+    """Modes of the filter's ball.
+
+    Parameters
+    ----------
+    found : FoundEffects
+        The model with its effects; `ball.lift_off` tells restitution and grip, where it is one of them.
+    inside : FoundEffects
+        Those that the filter's model has.
+    rolling : callable
+        The filter's own step of the rolling ball.
+    """
+    return _Made(found, inside).modes(rolling)
+
+
+class _Made:
+    """Functions of a model's numbers."""
+
+    def __init__(self, found: FoundEffects, inside: FoundEffects) -> None:
+        told = [one for one in found.entries if one.name == LIFT_OFF] or [FoundEffect(LIFT_OFF, {})]
+        flying = replace(inside, entries=(*(one for one in inside.entries if one.name != LIFT_OFF), *told))
+        self._values = flying.values
+        self._contact = ContactModes(flying.plant, flying.effects())
+        self._composites = {ROLLING: self._contact.rolling, AIR: self._contact.air}
+        self._p = ca.SX(self._contact.rolling.vector(self._values))
+        self._named = {name: self._p[k] for k, name in enumerate(self._contact.rolling.names)}
+
+    def modes(self, rolling: Step) -> BallModes:
+        """All of them."""
+        air = self._contact.air
+        step = NumericPlant(air.declared, air.effects, self._values).filter_step
+        of = self._contact.hybrid.of
+        return BallModes(
+            {
+                ROLLING: BallMode(rolling, tuple(map(self._passage, of(ROLLING))), self._signs(ROLLING)),
+                AIR: BallMode(step, tuple(map(self._passage, of(AIR))), self._signs(AIR)),
+            },
+            float(self._values["Ro"] - self._values["Rb"]),
+            self._jump(of(ROLLING)[0], timed=False),
+            self._jump(of(AIR)[-1], timed=False),
+        )
+
+    def _passage(self, transition: Transition) -> Passage:
+        z = self._state(transition.source)
+        value = self._guard(transition, z, ca.SX(0.0))
+        applies = ca.SX(1.0) if transition.applies is None else transition.applies(z, self._p)
+        guard, applying = (_Number(_function(z, one)) for one in (value, applies))
+        return Passage(transition.target, guard, self._jump(transition, timed=True), applying)
+
+    def _guard(self, transition: Transition, z: Any, u: Any) -> Any:
+        value = transition.guard(z, self._p)
+        if transition.source != AIR:
+            return value
+        return ca.fmax(value, RISING_S * ca.jacobian(value, z) @ self._rate(AIR, z, u))
+
+    def _jump(self, transition: Transition, *, timed: bool) -> _Jump:
+        """(x, u) -> state after, saltation matrix, and what a touch leaves unknown."""
+        z, u = self._state(transition.source), ca.SX.sym("u")
+        after, guard = transition.reset(z, self._p), transition.guard(z, self._p)
+        by = ca.jacobian(after, z)
+        if timed:
+            slope, rate = ca.jacobian(guard, z), self._rate(transition.source, z, u)
+            crossing = slope @ rate
+            kept = by @ rate
+            gap = self._rate(transition.target, after, u) - kept
+            by = by + ca.if_else(ca.fabs(crossing) > LEAST_RATE, 1.0, 0.0) * (gap @ slope) / ca.if_else(
+                ca.fabs(crossing) > LEAST_RATE, crossing, 1.0
+            )
+        unknown = ca.SX.zeros(after.numel())
+        if transition.source == AIR:
+            for row in (1, 3):  # dtheta, dpsi
+                unknown[row] = UNKNOWN_SHARE * (after[row] - z[row])
+        return _Jump(Call(ca.Function("jump", [z, u], [ca.densify(one) for one in (after, by, unknown)])))
+
+    def _signs(self, mode: str) -> _Signs:
+        """Pressed on the hoop; in the air: not pressed, or off the track."""
+        z = self._state(mode)
+        s = self._composites[mode].plant.point(z, self._named)
+        pressed = signed_normal_force(s)
+        values = [pressed] if mode == ROLLING else [-pressed, on_track(s) - s.distance]
+        rows = ca.vertcat(*(ca.horzcat(one, ca.jacobian(one, z)) for one in values))
+        return _Signs(Call(ca.Function("signs", [z], [ca.SX(0.0), ca.densify(rows)])))
+
+    def _rate(self, mode: str, z: Any, u: Any) -> Any:
+        c: Composite = self._composites[mode]
+        return c.smooth_rate_expression(z, u, 0.0, self._named, FRICTION_WIDTH)
+
+    def _state(self, mode: str) -> Any:
+        return ca.SX.sym("z", self._composites[mode].nz)
+
+
+def _function(z: Any, value: Any) -> Call:
+    return Call(ca.Function("value", [z], [ca.densify(ca.SX(value))]))
+
+
+@dataclass(frozen=True)
+class _Number:
+    """x -> a number."""
+
+    call: Call
+
+    def __call__(self, x: Array) -> float:
+        return float(self.call.vector(x)[0])
+
+
+@dataclass(frozen=True)
+class _Jump:
+    """As `core.ball_modes.Jump`."""
+
+    call: Call
+
+    def __call__(self, x: Array, torque_nm: float) -> tuple[Array, Array, Array]:
+        return self.call.vector(x, torque_nm), self.call.matrix(1), self.call.matrix(2).ravel()
+
+
+@dataclass(frozen=True)
+class _Signs:
+    """As `core.ball_modes.BallMode.signs`."""
+
+    call: Call
+
+    def __call__(self, x: Array) -> Array:
+        self.call.vector(x)
+        return self.call.matrix(1)
