@@ -84,15 +84,20 @@ def test_of_equally_good_ones_the_one_nearest_to_the_users_is_taken() -> None:
     assert chosen([each[0], each[3]]).kind == "likelihood"
 
 
+@pytest.mark.parametrize("wrong", [0.0, 0.1])
 def test_the_written_model_is_simulated_no_worse_than_any_kind_and_says_which_it_is(
-    found: HypothesisFit, monkeypatch: pytest.MonkeyPatch
+    found: HypothesisFit, monkeypatch: pytest.MonkeyPatch, wrong: float
 ) -> None:
+    """Where two estimates agree the likelihood's are the surer ones, and output error's are not asked."""
     each: list[ParameterSet] = []
     judged = module._judged
     monkeypatch.setattr(module, "_judged", lambda *a: each.append(judged(*a)) or each[-1])  # type: ignore[func-returns-value]
+    monkeypatch.setattr(module, "beyond_chance", lambda *_: {**dict.fromkeys(found.free, 0.0), "K2": wrong})
     users = {**PLANT.values, "K2": 0.9 * PLANT.values["K2"]}
     written = written_parameters(found, users)
-    assert len(each) == 2 + len(module.DRAWN)
+    assert [one.kind.split(",")[0] for one in each] == [
+        "yours", *["output error"] * (len(module.DRAWN) if wrong else 0), "the likelihood's"
+    ]  # fmt: skip
     best = max(each, key=lambda one: one.percent)
     assert best.percent > each[0].percent + 1.0  # the user's is off
     assert written.note.startswith(f"parameters of the model: {chosen(each).kind}, for blocks ")

@@ -1,15 +1,16 @@
 """The parameters that a model is written with: those by which blocks of the training data that were held back are
 simulated best.
 
-The likelihood foretells the next reading, a model is simulated for seconds; which parameters do that better differs
-from recording to recording. Three kinds are asked: the user's own with the effects fitted beside them; those that
-simulate windows best (output error), drawn to the user's by shares of the error; and the likelihood's. Each is fitted
-to two thirds of every recording and simulates the third in windows. The best is taken, of those that a table shows as
-equally good the one that stays nearest to the user's, and fitted to all.
+The likelihood foretells the next reading, a model is simulated for seconds; where the model is right the same
+parameters do both, and the likelihood's are the surer ones. Output error's scatter more, for free starts of windows
+spend what a disturbance leaves. So the likelihood's are asked, and the user's own with the effects fitted beside them;
+and where the model is shown to be wrong, by two estimates that are apart beyond chance (`two_estimates`), also those
+that simulate windows best (output error), drawn to the user's by shares of the error. Each is fitted to two thirds of
+every recording and simulates the third in windows. The best is taken, of those that a table shows as equally good the
+one that stays nearest to the user's, and fitted to all.
 
-Two estimates of one parameter agree within their errors where the model is right. How far they are apart is what it is
-wrong by, and widens the interval: what is written and the likelihood's, and, beyond chance, the likelihood's and output
-error's, whichever is written (`two_estimates`).
+How far two estimates of a parameter are apart is what the model is wrong by, and widens the interval: what is written
+and the likelihood's, and, beyond chance, the likelihood's and output error's, whichever is written.
 
 Rules of this file: which effects there are is decided before; no held-out datum is read.
 """
@@ -75,15 +76,14 @@ def written_parameters(
     """
     if not found.free or not any(blocks_of(found)):
         return Written(found)
-    each, freely = [], None
     base = [name for name in found.free if name in users and _size(found, name) > 0.0]
-    if base:
-        freely = _simulated(found, found.values, blocks_of(found), None)
-    for one in _candidates(found, users, base, freely):
+    freely = _simulated(found, found.values, blocks_of(found), None) if base else None
+    wrong = beyond_chance(found, freely) if freely is not None else {}
+    each = []
+    for one in _candidates(found, users, base, freely.cost if freely is not None and any(wrong.values()) else None):
         progress(f"parameters of the model: {one.kind} {one.percent:.1f} %")
         each.append(one)
     best = chosen(each)
-    wrong = beyond_chance(found, freely) if freely is not None else {}
     return Written(_with(found, best.values, wrong), _note(best, each))
 
 
@@ -94,24 +94,25 @@ def chosen(each: Sequence[ParameterSet]) -> ParameterSet:
 
 
 def _candidates(
-    found: HypothesisFit, users: Mapping[str, float], base: Sequence[str], freely: Refined | None
+    found: HypothesisFit, users: Mapping[str, float], base: Sequence[str], error: float | None
 ) -> Iterator[ParameterSet]:
-    """From the user's own on; `freely`: what simulates best, drawn to nothing."""
-    yield from _nearer(found, users, base, freely.cost) if freely is not None else ()
+    """From the user's own on; `error`: that of what simulates best, drawn to nothing, where the model is wrong."""
+    if base:
+        yield _yours(found, users, base)
+    if error is not None:
+        for share in DRAWN:
+            pull = Pull({n: users[n] for n in base}, {n: _size(found, n) for n in base}, share * error)
+            yield _by_output_error(found, pull, share)
     yield _judged(found, "the likelihood's", found.values, fold_values(found))
 
 
-def _nearer(
-    found: HypothesisFit, users: Mapping[str, float], base: Sequence[str], error: float
-) -> Iterator[ParameterSet]:
+def _yours(found: HypothesisFit, users: Mapping[str, float], base: Sequence[str]) -> ParameterSet:
+    """The user's own parameters of the plant, effects fitted beside them."""
     own = tuple(name for name in found.free if name not in base)
     stretches = [track.stretch for track in found.tracks]
     held = {**found.values, **{name: users[name] for name in base}}
     yours = fit(stretches, found.effects, held, like=found, noise=found.noise, free=own)
-    yield _judged(found, "yours, effects beside them", yours.values, fold_values(yours))
-    for share in DRAWN:
-        pull = Pull({n: users[n] for n in base}, {n: _size(found, n) for n in base}, share * error)
-        yield _by_output_error(found, pull, share)
+    return _judged(found, "yours, effects beside them", yours.values, fold_values(yours))
 
 
 def _by_output_error(found: HypothesisFit, pull: Pull, share: float) -> ParameterSet:
