@@ -207,6 +207,8 @@ class SimEffect(Strict, frozen=True):
 
     name: str
     parameters: dict[str, float] = {}
+    at_s: NotNegative = 0.0  # it begins then
+    for_s: NotNegative = 0.0  # and goes again after so long; 0: it stays
 
 
 class SimBoard(Strict, frozen=True):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ TRUTH_LOG = "truth.csv"
 def plant_arguments(config: Config, model: ModelFile) -> dict[str, Any]:
     """What the rig's plant is made of: the model with its effects, and those that the configuration hides in it."""
     sim, parameters = config.sim, model.values()
+    later = [(t, rig_effects(config, model, t)) for t in _changes_s(config)]
     return {
         "structure": model.structure,
         "parameters": parameters if config.faults.ball_expected else without_ball(model.structure, parameters),
@@ -44,21 +46,31 @@ def plant_arguments(config: Config, model: ModelFile) -> dict[str, Any]:
         "held": sim.held,
         "hold_s": sim.hold_s,
         "effects": rig_effects(config, model),
+        **({"later": later} if later else {}),
     }
 
 
-def rig_effects(config: Config, model: ModelFile) -> dict[str, dict[str, float]]:
-    """Parameters by `slot.effect` of all that the rig's plant has and that do something; InputError."""
+def _changes_s(config: Config) -> list[float]:
+    """Run times at which an effect that the configuration hides begins or goes."""
+    ends = {one.at_s + one.for_s for one in config.sim.effects if one.for_s > 0.0}
+    return sorted((ends | {one.at_s for one in config.sim.effects}) - {0.0})
+
+
+def rig_effects(config: Config, model: ModelFile, t: float = 0.0) -> dict[str, dict[str, float]]:
+    """Parameters by `slot.effect` of all that the rig's plant has at a run time and that do something; InputError."""
     plant = effects_plant(model)
     told = {one.name: dict(one.parameters) for one in effects_of(model).entries}
     for index, entry in enumerate(config.sim.effects):
         key = f"sim.effects[{index}]"
-        if entry.name in told:
-            raise InputError("configuration", f"{key}.name", f"{entry.name} is in the rig's plant already")
         try:
-            told[entry.name] = checked(plant, entry.name, entry.parameters)
+            values = checked(plant, entry.name, entry.parameters)
         except EffectError as error:
             raise InputError("configuration", f"{key}.{error.key}", error.reason) from None
+        if not entry.at_s <= t < (entry.at_s + entry.for_s if entry.for_s > 0.0 else inf):
+            continue
+        if entry.name in told:
+            raise InputError("configuration", f"{key}.name", f"{entry.name} is in the rig's plant already")
+        told[entry.name] = values
     known = known_effects(plant, told)
     for name in told:
         if known[name].found_by == "quality":

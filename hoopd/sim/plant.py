@@ -1,5 +1,7 @@
 """The plant of the rig: a model moved through time, with any physics that the daemon's model does not have.
 
+Its physics may become another at times that are told: dry friction that begins after a minute, and goes again.
+
 With `ball.lift_off` the ball leaves the hoop where nothing presses it on, flies, and lands: psi is then the direction
 in which it is seen, and its distance from the axis is below the track's.
 
@@ -12,7 +14,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf, nan
 
 import casadi as ca
@@ -37,40 +39,66 @@ SAME_S = 1e-9
 READ = ("theta", "dtheta", "psi")
 
 
+class _Physics:
+    """What moves and what is read, for as long as it stays the same."""
+
+    def __init__(self, found: FoundEffects) -> None:
+        effects, values = found.effects(), found.values
+        c = Composite(found.plant, effects, substeps=1)
+        steps = 1 if effects else ADVANCE_STEPS
+        self.model = NumericPlant(found.plant, effects, values, advance_steps=steps)
+        self.delay_s = c.delay_s(values)
+        self.late = {channel: c.latency_s(channel, values) for channel in READ}
+        self.errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
+        self.composite = c
+        self._flying = (ContactModes(found.plant, effects), values) if any(e.flight is not None for e in effects) else None
+        self.has_effects = bool(effects)
+
+    def course(self, z: Array) -> ContactCourse | None:
+        """How the ball touches the hoop from here on; None where it always does."""
+        return None if self._flying is None else ContactCourse(*self._flying, z)
+
+
 class RigPlant:
     """Plant, drive and sensors as they really are, over time."""
 
     def __init__(
-        self, found: FoundEffects, x0: Vector, *, held: bool = False, hold_s: float = 0.0, t: float = 0.0
+        self,
+        found: FoundEffects,
+        x0: Vector,
+        *,
+        held: bool = False,
+        hold_s: float = 0.0,
+        t: float = 0.0,
+        later: Sequence[tuple[float, FoundEffects]] = (),
     ) -> None:
-        """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque."""
-        effects, values = found.effects(), found.values
-        c = Composite(found.plant, effects, substeps=1)
-        steps = 1 if effects else ADVANCE_STEPS
-        self._model = NumericPlant(found.plant, effects, values, advance_steps=steps)
-        self._delay_s = c.delay_s(values)
-        self._late = {channel: c.latency_s(channel, values) for channel in READ}
-        self._remembers = any(self._late.values())
-        self._errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
-        self._composite = c
-        flies = any(one.flight is not None for one in effects)
-        start = c.beginning(np.asarray(x0, float))
-        self._course = ContactCourse(ContactModes(found.plant, effects), values, start) if flies else None
-        # a course has steps of its own; the past is kept step by step
-        self._segment_s = STEP_S if effects and (self._course is None or self._remembers) else SEGMENT_S
+        """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque;
+        `later`: what the physics is from a time on, in order."""
+        self._stages = [(-inf, _Physics(found)), *((since, _Physics(one)) for since, one in later)]
+        self._remembers = any(any(one.late.values()) for _, one in self._stages)
+        self._longest_s = max(max(one.late.values()) for _, one in self._stages)
         self._release_s = hold_s
         self.restart(x0, held=held, t=t)
         # made now, not in the first tick
-        self._model.advance(self._z, 0.0, 0.0, t)
+        for _, one in self._stages:
+            one.model.advance(one.composite.beginning(np.asarray(x0, float)), 0.0, 0.0, t)
 
     def restart(self, x0: Vector, *, held: bool = False, t: float = 0.0) -> None:
         """Begin anew, at rest in everything but x0: as a plant that is made now."""
-        self._z, self._t = self._composite.beginning(np.asarray(x0, float)), t
-        if self._course is not None:
-            self._course.restart(self._z)
+        self._t, self._stage = t, 0
+        self._become(x0)
         self._held, self._release_t = held, t + self._release_s
         self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
         self._past: deque[tuple[float, Array, float]] = deque([(t, self._z, 1.0)])
+
+    def _become(self, x: Vector) -> None:
+        """The physics of the stage that has come, with hoop and ball where they are; what was on its way stays so."""
+        self._physics = self._stages[self._stage][1]
+        self._z = self._physics.composite.beginning(np.asarray(x, float))
+        self._course = self._physics.course(self._z)
+        # a course has steps of its own; the past is kept step by step
+        fine = self._physics.has_effects and (self._course is None or self._remembers)
+        self._segment_s = STEP_S if fine else SEGMENT_S
 
     @property
     def t(self) -> float:
@@ -86,12 +114,12 @@ class RigPlant:
     def shown(self) -> State:
         """The state that a picture taken now shows: late, and with the camera's own errors."""
         theta, dtheta, psi, dpsi = _state(self._seen("psi"))
-        return theta, dtheta, psi if self._errors is None else self._read("psi"), dpsi
+        return theta, dtheta, psi if self._physics.errors is None else self._read("psi"), dpsi
 
     @property
     def shown_distance(self) -> float:
         """The ball's distance from the axis in such a picture, in shares of what it is on the hoop."""
-        return self._past_at(self._t - self._late["psi"])[1] if self._remembers else self.distance
+        return self._past_at(self._t - self._physics.late["psi"])[1] if self._remembers else self.distance
 
     @property
     def distance(self) -> float:
@@ -118,39 +146,47 @@ class RigPlant:
         if torque_nm != self._torques[-1][1]:
             self._torques.append((self._t, torque_nm))
         while t - self._t > SAME_S:
-            h = min(min(t, self._next_torque()) - self._t, self._segment_s)
+            if self._t >= self._next_stage_t - SAME_S:
+                self._stage += 1
+                self._become(np.array(self.state))
+            h = min(min(t, self._next_torque(), self._next_stage_t) - self._t, self._segment_s)
             self._move(self._torques[0][1], h)
             self._t += h
             if self._remembers:
                 self._remember()
 
+    @property
+    def _next_stage_t(self) -> float:
+        return self._stages[self._stage + 1][0] if self._stage + 1 < len(self._stages) else inf
+
     def _move(self, torque_nm: float, h: float) -> None:
         if self._course is None:
-            self._z = self._model.advance(self._z, torque_nm, h, self._t)
+            self._z = self._physics.model.advance(self._z, torque_nm, h, self._t)
             return
         self._course.advance(torque_nm, h, self._t)
         self._z = self._course.seen()
 
     def _next_torque(self) -> float:
         """When another torque arrives; what has arrived is dropped."""
-        while len(self._torques) > 1 and self._torques[1][0] + self._delay_s <= self._t + SAME_S:
+        while len(self._torques) > 1 and self._torques[1][0] + self._physics.delay_s <= self._t + SAME_S:
             self._torques.popleft()
-        return self._torques[1][0] + self._delay_s if len(self._torques) > 1 else inf
+        return self._torques[1][0] + self._physics.delay_s if len(self._torques) > 1 else inf
 
     def _remember(self) -> None:
         self._past.append((self._t, self._z, self.distance))
-        oldest = self._t - max(self._late.values()) - MEMORY_S
+        oldest = self._t - self._longest_s - MEMORY_S
         while self._past[0][0] < oldest:
             self._past.popleft()
 
     def _read(self, channel: str) -> float:
         """What a sensor gives now."""
         z, row = self._seen(channel), READ.index(channel)
-        return float(z[row] if self._errors is None else self._errors.vector(z, self._t)[row])
+        errors = self._physics.errors
+        return float(z[row] if errors is None else errors.vector(z, self._t)[row])
 
     def _seen(self, channel: str) -> Array:
         """The state that a sensor sees."""
-        return self._past_at(self._t - self._late[channel])[0] if self._remembers else self._z
+        return self._past_at(self._t - self._physics.late[channel])[0] if self._remembers else self._z
 
     def _past_at(self, t: float) -> tuple[Array, float]:
         """State and distance at a time of the past (the first one before it), in a straight line between two steps."""
@@ -171,10 +207,16 @@ def make_plant(
     held: bool = False,
     hold_s: float = 0.0,
     effects: dict[str, dict[str, float]] | None = None,
+    later: list[tuple[float, dict[str, dict[str, float]]]] | None = None,
 ) -> RigPlant:
-    """Plant from plain data: what the board's process is told on its command line; effects by name."""
-    entries = tuple(FoundEffect(name, values) for name, values in (effects or {}).items())
-    return RigPlant(FoundEffects(structure, parameters, entries), np.array(x0, float), held=held, hold_s=hold_s)
+    """Plant from plain data: what the board's process is told on its command line; effects by name, and those that
+    there are from a time on."""
+
+    def found(told: Mapping[str, Mapping[str, float]]) -> FoundEffects:
+        return FoundEffects(structure, parameters, tuple(FoundEffect(name, values) for name, values in told.items()))
+
+    stages = [(since, found(told)) for since, told in later or ()]
+    return RigPlant(found(effects or {}), np.array(x0, float), held=held, hold_s=hold_s, later=stages)
 
 
 def _readings(c: Composite, values: Mapping[str, float]) -> Call:

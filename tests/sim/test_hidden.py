@@ -115,3 +115,36 @@ def test_what_cannot_be_hidden_is_one_line(entry: str, key: str) -> None:
     with pytest.raises(InputError) as raised:
         effects_in(f"sim.effects=[{entry}]")
     assert raised.value.key == key
+
+
+def test_an_effect_begins_and_goes_at_its_time_and_the_ball_moves_on() -> None:
+    config = configuration.load(
+        None, sim=True,
+        overrides=["sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.02}, at_s: 0.3, for_s: 0.4}]"],
+    )  # fmt: skip
+    told = parts.plant_arguments(config, FILE) | {"x0": START.tolist(), "held": False}
+    assert told["effects"] == {} and [t for t, _ in told["later"]] == [0.3, 0.7] and told["later"][1][1] == {}
+    changing, plain = make_plant(**told), RigPlant(FoundEffects(FILE.structure, FILE.values()), START)
+    dissipated = hidden(hoop__coulomb_friction={"Fc": 0.02})
+    for t in (0.1, 0.3):
+        changing.advance(t, 0.05)
+        plain.advance(t, 0.05)
+    assert changing.state == pytest.approx(plain.state, abs=1e-9)
+    dissipated.restart(np.array(changing.state), t=0.3)
+    changing.advance(0.7, 0.05)
+    dissipated.advance(0.7, 0.05)
+    assert changing.state == pytest.approx(dissipated.state, abs=1e-6)
+    plain.restart(np.array(changing.state), t=0.7)
+    changing.advance(1.0, 0.05)
+    plain.advance(1.0, 0.05)
+    assert changing.state == pytest.approx(plain.state, abs=1e-6)
+
+
+def test_a_camera_that_becomes_late_shows_the_past_from_then_on() -> None:
+    found = FoundEffects(FILE.structure, FILE.values(), (FoundEffect("camera.latency", {"d": 0.04}),))
+    changing = RigPlant(FoundEffects(FILE.structure, FILE.values()), START, later=[(0.2, found)])
+    past = {}
+    for k in range(1, 200):
+        changing.advance(0.002 * k, 0.05)
+        past[k] = changing.state[2]
+        assert changing.shown[2] == pytest.approx(past[k] if k <= 100 else past[k - 20], abs=1e-5)

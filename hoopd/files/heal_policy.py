@@ -1,0 +1,90 @@
+"""What a running loop may learn without a person (`hoopd.policy/1`): which effects, how large, how often.
+
+    schema: hoopd.policy/1
+    effects: [hoop.coulomb_friction, camera.latency]   # names, or "hoop.*"
+    parameter_change: 0.3                              # largest share by which a parameter may change; 0: none
+    largest: {hoop.coulomb_friction.Fc: 0.02}          # of an effect's parameter, in its unit
+    least_probability: 0.8
+    most_per_day: 4
+    pause_s: 10 min
+
+Rules of this file: one record, its checks, and its answer in words; nothing is measured here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
+from hoopd.files.records import Strict
+
+DAY_S = 86400.0
+Share = Annotated[float, Meta(ge=0.0, le=10.0)]
+
+
+class HealPolicy(Strict, frozen=True, kw_only=True):
+    """`hoopd.policy/1`."""
+
+    schema: Literal["hoopd.policy/1"]
+    effects: list[str] = []
+    parameter_change: Share = 0.0
+    largest: dict[str, float] = {}
+    least_probability: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.8
+    most_per_day: Annotated[int, Meta(ge=0, le=1000)] = 4
+    pause_s: Annotated[float, Meta(ge=0.0, le=DAY_S)] = 600.0
+
+    def objection(
+        self,
+        effects: Mapping[str, Mapping[str, float]],
+        probabilities: Mapping[str, float],
+        changes: Mapping[str, float],
+    ) -> str:
+        """Why what was found may not be learned unasked; empty when it may.
+
+        `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of their values.
+        """
+        for name, parameters in effects.items():
+            if why := self._of_effect(name, parameters, probabilities.get(name, 0.0)):
+                return why
+        for name, share in changes.items():
+            limit = self.largest.get(name)
+            if limit is None and abs(share) > self.parameter_change:
+                return f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
+        return ""
+
+    def _of_effect(self, name: str, parameters: Mapping[str, float], probability: float) -> str:
+        if not any(fnmatchcase(name, pattern) for pattern in self.effects):
+            return f"{name} is not among the policy's effects"
+        if probability < self.least_probability:
+            return f"{name} is {probability:.0%} sure, the policy asks for {self.least_probability:.0%}"
+        for key, value in parameters.items():
+            limit = self.largest.get(f"{name}.{key}")
+            if limit is not None and abs(value) > limit:
+                return f"{name}.{key} is {value:.3g}, the policy's largest is {limit:.3g}"
+        return ""
+
+    def too_often(self, accepted: Sequence[float], now: float) -> str:
+        """Why it is too early, or too much for a day; `accepted`: when versions were accepted, `now`: s, one clock."""
+        last_day = [at for at in accepted if now - at < DAY_S]
+        if len(last_day) >= self.most_per_day:
+            return f"{len(last_day)} versions were accepted within a day, the policy's most is {self.most_per_day}"
+        if accepted and now - max(accepted) < self.pause_s:
+            return f"the last version was accepted {now - max(accepted):.0f} s ago, the policy's pause is {self.pause_s:.0f} s"
+        return ""
+
+
+def load_policy(path: Path) -> HealPolicy:
+    """A policy file; InputError in one line for everything that is wrong in it."""
+    policy = to_struct(parse_yaml(read_text(path), path), HealPolicy, path)
+    for name, value in policy.largest.items():
+        if name.count(".") < 1 or value < 0.0:
+            raise InputError(path, f"largest.{name}", "expected SLOT.EFFECT.PARAMETER (or a parameter) and a size above 0")
+    for index, name in enumerate(policy.effects):
+        if "." not in name:
+            raise InputError(path, f"effects[{index}]", f"{name!r} is no SLOT.EFFECT, as hoop.coulomb_friction or hoop.*")
+    return policy

@@ -1,0 +1,120 @@
+"""What a diagnosis of the newest minutes says of a loop that runs: another parameter, another physics, a broken sensor.
+
+A sensor that is broken is never learned. Broken is what a row of the fault table names, a share of false or late
+pictures, and whatever a diagnosis finds at a sensor's slot but a delay of up to 60 ms: a filter can be told how late a
+sample is, and it can not be told the truth that a sensor no longer sees.
+
+Rules of this file: a diagnosis and seconds of faults in, one judgement out; pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from hoopd.core.faulttable import BY_NAME, Action
+from hoopd.diagnose.record import Diagnosis, EffectFinding, Quantity
+
+NOTHING, PARAMETERS, PHYSICS, UNKNOWN, SENSOR = ("nothing", "parameters", "physics", "unknown", "sensor")
+LEARNABLE = (PARAMETERS, PHYSICS)
+# Rows that are of the computer and not of a sensor.
+OF_THE_COMPUTER = frozenset(
+    {"overrun", "overrun_repeated", "overrun_persistent", "recorder_trouble", "telemetry_trouble", "model_drift"}
+)
+# A share of the minutes in which a row that control survives is active: more is no accident.
+LEAST_SHARE = 0.02
+# The filter's history bears delays up to this; later is a fault of its own.
+MOST_DELAY_S = 0.06
+SENSOR_SLOTS = ("camera", "encoder")
+DELAYS: Mapping[str, str] = MappingProxyType(
+    {"camera.latency": "d", "encoder.latency": "d", "encoder.speed_lag": "T", "actuator.delay": "d"}
+)
+DOUBTED = ("weak", "untested", "not_confirmed")
+
+
+@dataclass(frozen=True)
+class ChangeJudgement:
+    """What the newest minutes say.
+
+    `effects`: parameters of what is new and confirmed, by name; `probabilities`: of these; `parameters`: of the model's
+    parameters outside of whose interval the old value lies, the change as a share of it.
+    """
+
+    kind: str
+    reason: str
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def may_be_learned(self) -> bool:
+        """Whether a model of it makes sense."""
+        return self.kind in LEARNABLE
+
+
+def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float) -> ChangeJudgement:
+    """The judgement of one diagnosis; `faults_s`: for how long each row was active in its minutes."""
+    if why := broken_sensor(diagnosis, faults_s, window_s):
+        return ChangeJudgement(SENSOR, why)
+    unknown = [one.name for one in diagnosis.effects if one.is_unknown]
+    if unknown or diagnosis.verdict == "unknown_physics":
+        return ChangeJudgement(UNKNOWN, f"{', '.join(unknown) or 'what acts'} has no law: a person has to look")
+    sure = [one for one in diagnosis.effects if one.status not in DOUBTED and one.in_model is not False]
+    changed = _changed(diagnosis.base.parameters)
+    if sure:
+        names = ", ".join(one.name for one in sure)
+        probabilities = {one.name: one.probability or 0.0 for one in sure}
+        return ChangeJudgement(PHYSICS, f"new: {names}", _sizes(sure), probabilities, changed)
+    if diagnosis.effects:
+        told = ", ".join(f"{one.name} ({one.status})" for one in diagnosis.effects)
+        return ChangeJudgement(NOTHING, f"not sure enough: {told}")
+    if diagnosis.verdict == "parameters" and changed:
+        told = ", ".join(f"{name} {share:+.0%}" for name, share in changed.items())
+        return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed)
+    return ChangeJudgement(NOTHING, "the model explains these minutes")
+
+
+def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float) -> str:
+    """Why a sensor is taken for broken; empty when none is."""
+    for name, seconds in faults_s.items():
+        row = BY_NAME.get(name)
+        if row is None or name in OF_THE_COMPUTER:
+            continue
+        if row.action >= Action.PAUSE or seconds > LEAST_SHARE * window_s:
+            return f"{name} was active for {seconds:.1f} s: {row.meaning}"
+    for one in diagnosis.effects:
+        if one.status not in ("not_confirmed",) and (why := _broken(one)):
+            return why
+    return ""
+
+
+def _broken(one: EffectFinding) -> str:
+    """Why a finding is of a sensor that nobody may learn."""
+    size = _value(one.parameters.get(DELAYS.get(one.name, "")))
+    if one.name in DELAYS and size is not None:
+        return f"{one.name} of {1e3 * size:.0f} ms is more than {1e3 * MOST_DELAY_S:.0f} ms" if size > MOST_DELAY_S else ""
+    return f"{one.name}: a sensor has to be repaired or calibrated" if one.slot in SENSOR_SLOTS else ""
+
+
+def _sizes(findings: list[EffectFinding]) -> dict[str, dict[str, float]]:
+    return {
+        one.name: {key: value for key, told in one.parameters.items() if (value := _value(told)) is not None}
+        for one in findings
+    }
+
+
+def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float]:
+    """Of what is re-estimated, that which the data do not let stay: the change as a share of the old value."""
+    found = {}
+    for name, one in parameters.items():
+        low, high = one.ci95 or (None, None)
+        if one.value is None or one.nominal is None or low is None or high is None:
+            continue
+        if not low <= one.nominal <= high:
+            found[name] = (one.value - one.nominal) / abs(one.nominal) if one.nominal else float("inf")
+    return found
+
+
+def _value(one: Quantity | None) -> float | None:
+    return None if one is None else one.value
