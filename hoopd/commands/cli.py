@@ -21,6 +21,7 @@ import typer
 from hoopd.commands import device, offline, operator
 from hoopd.commands.compare import compare
 from hoopd.commands.dashboard import dashboard
+from hoopd.commands.heal import heal
 from hoopd.commands.options.calibrate import CalibrateOptions
 from hoopd.commands.options.calibration import CalibrationOptions
 from hoopd.commands.options.compare import CompareOptions
@@ -31,6 +32,7 @@ from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.experiment import ExperimentOptions
 from hoopd.commands.options.fit import FitOptions
+from hoopd.commands.options.heal import HealOptions
 from hoopd.commands.options.identify import IdentifyOptions
 from hoopd.commands.options.learn import LearnOptions
 from hoopd.commands.options.linearize import LinearizeOptions
@@ -167,6 +169,7 @@ COMMANDS: Mapping[str, Sequence[tuple[type, Callable[..., None]]]] = {
         (StatusOptions, operator.status),
         (WatchOptions, watch),
         (DashboardOptions, dashboard),
+        (HealOptions, heal),
     ),
 }
 # A negative number is a value, not an option.

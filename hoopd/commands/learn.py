@@ -6,7 +6,6 @@ touches a drive. What a step has written stays, and a step whose file is there i
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import typer
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
 from hoopd.commands.output import check_json
+from hoopd.commands.step_commands import StepError, run_step
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
 from hoopd.learn.belief import Belief
@@ -49,10 +49,6 @@ LAW = "lqg"
 BY = "ball"  # what better means
 
 
-class StepError(Exception):
-    """A command of a step failed; its own words."""
-
-
 @dataclass(frozen=True)
 class Steps:
     """Runs the commands of a campaign."""
@@ -68,14 +64,7 @@ class Steps:
 
         `seen`: an operator at the device has to see what it says while it runs.
         """
-        line = [*end_with_parent("TERM"), sys.executable, "-m", "hoopd", *map(str, words)]
-        with log.open("wb") as out:
-            errors = None if seen else subprocess.STDOUT
-            done = subprocess.run(line, stdout=out, stderr=errors, check=False)
-        if done.returncode not in accepted:
-            said = log.read_text("utf-8", "replace").strip().splitlines()
-            raise StepError(f"hoopd {words[0]}: {said[-1] if said else f'ended with {done.returncode}'}")
-        return done.returncode
+        return run_step(words, log, accepted, prefix=end_with_parent("TERM"), seen=seen)
 
     def place(self) -> list[str]:
         """Words that say where a run is played."""

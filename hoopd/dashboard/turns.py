@@ -11,12 +11,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from math import isfinite, nan
-from typing import Any
+from typing import Any, Protocol
 
 from hoopd.core.modes import Mode
 from hoopd.core.succession import ALIVE
 from hoopd.dashboard.device import Seen, ShownDevice
-from hoopd.design.comparison import ControllerComparison, WantedCommand
+from hoopd.design.comparison import WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.shell.operator import CommandError
 
@@ -31,12 +31,42 @@ CHANNELS = ("u", "dtheta", "psi", "psi_t", "reference")
 Send = Callable[[WantedCommand], Mapping[str, Any]]
 
 
+class SupervisedRun(Protocol):
+    """What looks at every tick of a daemon and says what it is to be told."""
+
+    @property
+    def over(self) -> bool:
+        """Nothing more is wanted but the last orders."""
+        ...
+
+    @property
+    def settled(self) -> bool:
+        """The last orders were given."""
+        ...
+
+    def put(self, sample: TickSample) -> tuple[WantedCommand, ...]:
+        """One tick; what is to be commanded now."""
+        ...
+
+    def note(self, event: str, fields: Mapping[str, Any]) -> None:
+        """One fact that the daemon tells."""
+        ...
+
+    def refuse(self, order: WantedCommand, reason: str) -> None:
+        """An order was not obeyed."""
+        ...
+
+    def stop(self, reason: str) -> None:
+        """End it from outside."""
+        ...
+
+
 class ComparisonSupervisor:
-    """One alternating run of a device, from its start to its end."""
+    """One supervised run of a device, from its start to its end."""
 
     def __init__(
         self,
-        comparison: ControllerComparison,
+        comparison: SupervisedRun,
         device: ShownDevice,
         send: Send,
         attended: Callable[[], str] = lambda: "",

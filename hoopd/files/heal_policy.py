@@ -4,7 +4,7 @@
     effects: [hoop.coulomb_friction, camera.latency]   # names, or "hoop.*"
     parameter_change: 0.3                              # largest share by which a parameter may change; 0: none
     largest: {hoop.coulomb_friction.Fc: 0.02}          # of an effect's parameter, in its unit
-    least_probability: 0.8
+    least_probability: 0.3                             # of the very law; 0: the fresh seconds prove enough
     most_per_day: 4
     pause_s: 10 min
 
@@ -18,6 +18,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import Meta
 
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
@@ -31,10 +32,10 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
     """`hoopd.policy/1`."""
 
     schema: Literal["hoopd.policy/1"]
-    effects: list[str] = []
+    effects: list[str] = msgspec.field(default_factory=list)
     parameter_change: Share = 0.0
-    largest: dict[str, float] = {}
-    least_probability: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.8
+    largest: dict[str, float] = msgspec.field(default_factory=dict)
+    least_probability: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     most_per_day: Annotated[int, Meta(ge=0, le=1000)] = 4
     pause_s: Annotated[float, Meta(ge=0.0, le=DAY_S)] = 600.0
 
@@ -54,7 +55,9 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         for name, share in changes.items():
             limit = self.largest.get(name)
             if limit is None and abs(share) > self.parameter_change:
-                return f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
+                return (
+                    f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
+                )
         return ""
 
     def _of_effect(self, name: str, parameters: Mapping[str, float], probability: float) -> str:
@@ -73,8 +76,9 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         last_day = [at for at in accepted if now - at < DAY_S]
         if len(last_day) >= self.most_per_day:
             return f"{len(last_day)} versions were accepted within a day, the policy's most is {self.most_per_day}"
-        if accepted and now - max(accepted) < self.pause_s:
-            return f"the last version was accepted {now - max(accepted):.0f} s ago, the policy's pause is {self.pause_s:.0f} s"
+        since = now - max(accepted, default=-DAY_S)
+        if accepted and since < self.pause_s:
+            return f"the last version was accepted {since:.0f} s ago, the policy's pause is {self.pause_s:.0f} s"
         return ""
 
 
@@ -83,8 +87,12 @@ def load_policy(path: Path) -> HealPolicy:
     policy = to_struct(parse_yaml(read_text(path), path), HealPolicy, path)
     for name, value in policy.largest.items():
         if name.count(".") < 1 or value < 0.0:
-            raise InputError(path, f"largest.{name}", "expected SLOT.EFFECT.PARAMETER (or a parameter) and a size above 0")
+            raise InputError(
+                path, f"largest.{name}", "expected SLOT.EFFECT.PARAMETER (or a parameter) and a size above 0"
+            )
     for index, name in enumerate(policy.effects):
         if "." not in name:
-            raise InputError(path, f"effects[{index}]", f"{name!r} is no SLOT.EFFECT, as hoop.coulomb_friction or hoop.*")
+            raise InputError(
+                path, f"effects[{index}]", f"{name!r} is no SLOT.EFFECT, as hoop.coulomb_friction or hoop.*"
+            )
     return policy

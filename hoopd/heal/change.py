@@ -31,6 +31,8 @@ DELAYS: Mapping[str, str] = MappingProxyType(
     {"camera.latency": "d", "encoder.latency": "d", "encoder.speed_lag": "T", "actuator.delay": "d"}
 )
 DOUBTED = ("weak", "untested", "not_confirmed")
+# What explains less of the mismatch is a correction beside the change, and what changed by less is none: left out.
+LEAST_EXPLAINED, LEAST_CHANGE = 0.05, 0.02
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,17 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
     unknown = [one.name for one in diagnosis.effects if one.is_unknown]
     if unknown or diagnosis.verdict == "unknown_physics":
         return ChangeJudgement(UNKNOWN, f"{', '.join(unknown) or 'what acts'} has no law: a person has to look")
-    sure = [one for one in diagnosis.effects if one.status not in DOUBTED and one.in_model is not False]
+    large = [one for one in diagnosis.effects if _is_large(one)]
+    sure = [one for one in large if one.status not in DOUBTED and one.in_model is not False]
     changed = _changed(diagnosis.base.parameters)
     if sure:
         names = ", ".join(one.name for one in sure)
         probabilities = {one.name: one.probability or 0.0 for one in sure}
         return ChangeJudgement(PHYSICS, f"new: {names}", _sizes(sure), probabilities, changed)
-    if diagnosis.effects:
-        told = ", ".join(f"{one.name} ({one.status})" for one in diagnosis.effects)
+    if large:
+        told = ", ".join(f"{one.name} ({one.status})" for one in large)
         return ChangeJudgement(NOTHING, f"not sure enough: {told}")
-    if diagnosis.verdict == "parameters" and changed:
+    if changed:
         told = ", ".join(f"{name} {share:+.0%}" for name, share in changed.items())
         return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed)
     return ChangeJudgement(NOTHING, "the model explains these minutes")
@@ -84,16 +87,23 @@ def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s:
         if row.action >= Action.PAUSE or seconds > LEAST_SHARE * window_s:
             return f"{name} was active for {seconds:.1f} s: {row.meaning}"
     for one in diagnosis.effects:
-        if one.status not in ("not_confirmed",) and (why := _broken(one)):
+        if one.status != "not_confirmed" and _is_large(one) and (why := _broken(one)):
             return why
     return ""
+
+
+def _is_large(one: EffectFinding) -> bool:
+    """Whether it is more than a correction; what a judge of samples counts explains no share."""
+    return one.explained is None or one.explained >= LEAST_EXPLAINED
 
 
 def _broken(one: EffectFinding) -> str:
     """Why a finding is of a sensor that nobody may learn."""
     size = _value(one.parameters.get(DELAYS.get(one.name, "")))
     if one.name in DELAYS and size is not None:
-        return f"{one.name} of {1e3 * size:.0f} ms is more than {1e3 * MOST_DELAY_S:.0f} ms" if size > MOST_DELAY_S else ""
+        return (
+            f"{one.name} of {1e3 * size:.0f} ms is more than {1e3 * MOST_DELAY_S:.0f} ms" if size > MOST_DELAY_S else ""
+        )
     return f"{one.name}: a sensor has to be repaired or calibrated" if one.slot in SENSOR_SLOTS else ""
 
 
@@ -111,8 +121,9 @@ def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float]:
         low, high = one.ci95 or (None, None)
         if one.value is None or one.nominal is None or low is None or high is None:
             continue
-        if not low <= one.nominal <= high:
-            found[name] = (one.value - one.nominal) / abs(one.nominal) if one.nominal else float("inf")
+        share = (one.value - one.nominal) / abs(one.nominal) if one.nominal else float("inf")
+        if not low <= one.nominal <= high and abs(share) >= LEAST_CHANGE:
+            found[name] = share
     return found
 
 

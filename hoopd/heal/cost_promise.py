@@ -45,9 +45,12 @@ def loop_costs(recording: Recording, before: Path, new: Path, by: str) -> LoopCo
     file = load_controller(before / "controller.yaml")
     held = held_speed(file.gains)
     truth = effects_of(load_model(new / "model.yaml"))
-    measured = _measured(recording, held, by)
-    simulated = [_simulated(recording, one, truth, held, by) for one in (before, new)]
-    return LoopCosts(measured, *simulated, float(recording.t[-1] - recording.t[0]))
+    return LoopCosts(
+        _measured(recording, held, by),
+        _simulated(recording, before, truth, held, by),
+        _simulated(recording, new, truth, held, by),
+        float(recording.t[-1] - recording.t[0]),
+    )
 
 
 def _measured(recording: Recording, held: HeldSpeed | None, by: str) -> float:

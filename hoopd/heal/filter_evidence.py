@@ -1,4 +1,4 @@
-"""Does a model foretell the newest seconds better than the one that acts? Innovations of the daemon's own filter on both.
+"""Does a model foretell the newest seconds better than the one that acts? The daemon's own filter on both.
 
     gain of a sample = (e^2 - e'^2) / 2 nats
 
@@ -36,7 +36,7 @@ LEAST_BLOCKS = 5
 
 @dataclass(frozen=True)
 class FilterEvidence:
-    """Of one model over another: nats in all, standard errors that this is from none, and seconds that were looked at."""
+    """Of one model over another: nats in all, standard errors that this is from none, seconds that were looked at."""
 
     nats: float
     errors: float

@@ -1,8 +1,11 @@
 """A loop that is followed: when the newest minutes are diagnosed, what is proposed, how a trial goes, what comes back.
 
-    watching -> gathering -> diagnosing -> proving -> proposed -> asked -> trying -> weighing -> settling -> watching
-                                 |             |          |                   |          |           |
-                                left          left     refused            went back  went back  rolled back
+    watching -> gathering -> diagnosing -> waiting -> proving -> proposed -> decided
+                                 |                       |           |          |
+                                left                    left        left        v
+    watching <- settling <- weighing <- trying <--------------------------- asked
+                    |           |          |                                  |
+               rolled back  went back  went back                           refused
 
 A change is told by the daemon's own drift: by then at least `CERTAIN_S` seconds are of the changed loop, so that the
 minutes which are diagnosed begin there. What takes processor time (`HealWork`) is done by somebody else, at low
@@ -21,14 +24,15 @@ from typing import Any, NamedTuple
 
 from hoopd.core.drift import BLOCK_S, BLOCKS
 from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
-from hoopd.design.comparison import BALL, WantedCommand
+from hoopd.design.comparison import BALL, REST_S, WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.heal.versions import OVER, HealVersion, VersionFolder
 
 DRIFT = "model_drift"
-# The median of the blocks is beyond its bound when half of them are: these are of the changed loop.
-CERTAIN_S = BLOCKS // 2 * BLOCK_S
+# The median of the blocks is beyond its bound when half of them are: of these all but the first are of the changed loop
+# from their beginning on.
+CERTAIN_S = (BLOCKS // 2 - 1) * BLOCK_S
 ALIVE_S = 1.0
 PATIENCE_S = 25.0  # until a candidate has taken over
 BACK_S = 5.0  # until the daemon has told that the law changed
@@ -36,13 +40,15 @@ ENTER_S = 3.0  # of a trial or of a new version: the filter settles, the ball co
 # A cost of so much more than what was promised is no promise kept; of more than the law of before would have: worse.
 KEPT, WORSE = 1.2, 1.05
 SETTLING_ROUNDS, BAD_ROUNDS = 4, 2
+# What comes to nothing again and again is looked at ever more seldom: every pause is twice the one before, so often.
+MOST_DOUBLED = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class HealPlan:
     """How long things take, s."""
 
-    window_s: float = 60.0  # minutes that are diagnosed
+    window_s: float = 40.0  # that are diagnosed
     fresh_s: float = 20.0  # that prove it
     trial_s: float = 30.0
     round_s: float = 30.0  # of the watch over what was accepted
@@ -84,16 +90,26 @@ class Healing:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self.folder, self.plan, self.policy, self.clock, self.run = folder, plan, policy, clock, run
         self.phase = "watching"
-        self.over = self.settled = False
+        self._over_now = self._settled = False
         self.why = ""
         self.version: HealVersion | None = None
         self._tell, self._seen = tell, _Watched()
-        self._t = self._since = self._alive_at = self._quiet_until = 0.0
-        self._running, self._on_trial, self._rounds, self._bad = False, False, 0, 0
+        self._t = self._since = self._alive_at = self._quiet_until = self._acts_since = 0.0
+        self._running, self._on_trial, self._rounds, self._bad, self._fruitless = False, False, 0, 0, 0
         self._last_look: float | None = None
         self._work: HealWork | None = None
         self._orders: list[WantedCommand] = []
         self._take_up()
+
+    @property
+    def over(self) -> bool:
+        """Nothing more is wanted but the last orders."""
+        return self._over_now
+
+    @property
+    def settled(self) -> bool:
+        """The last orders were given."""
+        return self._settled
 
     # ------------------------------------------------------------------------------------------ what comes in
 
@@ -112,7 +128,7 @@ class Healing:
                 self._orders.append(WantedCommand(ALIVE))
         orders, self._orders = tuple(self._orders), []
         if self.over:
-            self.settled = True
+            self._settled = True
         return orders
 
     def note(self, event: str, fields: Mapping[str, Any]) -> None:
@@ -122,13 +138,13 @@ class Healing:
         elif event == "fault":
             self._seen.faults.setdefault(str(fields.get("fault")), []).append((self._t, None))
         elif event == "fault_cleared":
-            self._ends(str(fields.get("fault")))
+            self._fault_ends(str(fields.get("fault")))
         elif event == CONTROLLER:
             self._took_over(fields)
         elif event == "trial_returned":
             self._returned(str(fields.get("reason", "")))
-        elif event == "command_refused" and fields.get("command") == TRIAL and self.phase == "asked":
-            self._over("refused", f"the daemon: {fields.get('reason', '')}")
+        elif event == "command_refused":
+            self._refused(str(fields.get("command")), str(fields.get("reason", "")))
 
     def see(self, faults: tuple[str, ...]) -> None:
         """Active faults, as a status tells them: what began before anybody listened."""
@@ -137,15 +153,12 @@ class Healing:
 
     def refuse(self, order: WantedCommand, reason: str) -> None:
         """An order was not obeyed."""
-        if self.phase == "asked" and order.name == TRIAL:
-            self._over("refused", f"the daemon: {reason}")
-        elif order.name == ACCEPT and self.version is not None and self.phase == "accepting":
-            self._over("went_back", f"it could not be accepted: {reason}")
+        self._refused(order.name, reason)
 
     def stop(self, reason: str) -> None:
         """End it; what is on trial goes back."""
         if not self.over:
-            self.over, self.why = True, reason
+            self._over_now, self.why = True, reason
             if self._on_trial:
                 self._orders.append(WantedCommand(REVERT))
                 self._on_trial = False
@@ -172,7 +185,7 @@ class Healing:
             if accept:
                 self._try()
             else:
-                self._over("left", f"left by {who}")
+                self._end("left", f"left by {who}")
 
     def faults_s(self, from_s: float, to_s: float) -> dict[str, float]:
         """For how long each row was active between two times."""
@@ -202,22 +215,25 @@ class Healing:
             self.phase = "diagnosing"
             self._work = HealWork("diagnose", one.number, one.from_s, one.to_s)
         else:
-            self._over("left", "its minutes were lost when it was broken off")
+            self._end("left", "its minutes were lost when it was broken off")
         self._tell(f"going on with version {one.number}: {one.state}")
 
     def _enter_or_leave(self) -> None:
         """The law begins to act, or no longer does: minutes without it are none."""
+        self._acts_since = self._t
         self._seen.gathered_from = self._seen.drift_at = None
         if self.phase == "gathering":
             self.phase = "watching"
         if not self._running and self.phase == "asked":
-            self._over("went_back", "the law no longer acts")
+            self._end("went_back", "the law no longer acts")
 
     def _drifts(self) -> None:
-        if self._seen.drift_at is None:
+        """The model no longer fits; what is told right after a change may be of the law before it."""
+        told_anew = self.phase not in ("settling", "rolling") and self._t >= self._quiet_until
+        if told_anew and self._seen.drift_at is None:
             self._seen.drift_at = self._t
 
-    def _ends(self, name: str) -> None:
+    def _fault_ends(self, name: str) -> None:
         spans = self._seen.faults.get(name)
         if spans and spans[-1][1] is None:
             spans[-1] = (spans[-1][0], self._t)
@@ -232,8 +248,10 @@ class Healing:
                 self._diagnose()
         elif self.phase == "waiting" and passed >= 0.0 and self._running and self._t >= self._fresh_until():
             self._prove()
+        elif self.phase == "decided" and self._running and self._t - self._acts_since >= REST_S:
+            self._ask_for_trial()
         elif self.phase == "asked" and passed > PATIENCE_S:
-            self._over("refused", f"the daemon did not take it over within {PATIENCE_S:g} s")
+            self._end("refused", f"the daemon did not take it over within {PATIENCE_S:g} s")
         elif self.phase == "trying" and passed >= ENTER_S + self.plan.trial_s:
             self._weigh(self._since + ENTER_S)
         elif self.phase == "settling" and passed >= self.plan.round_s:
@@ -269,7 +287,7 @@ class Healing:
         version.kind, version.reason = str(result["kind"]), str(result["reason"])
         version.evidence |= {key: result[key] for key in ("effects", "probabilities", "parameters") if key in result}
         if not result["learn"]:
-            self._over("left", version.reason)
+            self._end("left", version.reason)
             return
         self._keep("proving", f"{version.kind}: {version.reason}")
         self._enter("waiting")
@@ -293,7 +311,7 @@ class Healing:
         version.restores, version.key = result.get("restores"), str(result.get("key", ""))
         version.sha256 = self.folder.hashes(version.number)
         if not result["proven"]:
-            self._over("left", str(result["why"]))
+            self._end("left", str(result["why"]))
             return
         self._keep("proposed", f"proven: {result['why']}")
         self._enter("proposed")
@@ -319,6 +337,10 @@ class Healing:
 
     def _try(self) -> None:
         assert self.version is not None
+        self._enter("decided")
+
+    def _ask_for_trial(self) -> None:
+        assert self.version is not None
         self._keep("trying", f"on trial, decided by {self.version.decided_by}")
         self._enter("asked")
         self._orders.append(WantedCommand(TRIAL, key=self.version.key))
@@ -333,16 +355,28 @@ class Healing:
         elif fields.get("command") == CONTROLLER and self.phase != "rolling":
             self.stop("somebody else changed the controller: begin again with what acts now")
         elif self.phase == "rolling":
-            self._over("rolled_back", self.version.reason if self.version else "")
+            self._end("rolled_back", self.version.reason if self.version else "")
+
+    def _refused(self, command: str, reason: str) -> None:
+        """The daemon did not take what was asked for; what acts stays."""
+        if self.phase == "asked" and command == TRIAL:
+            self._end("refused", f"the daemon: {reason}")
+        elif self.phase == "settling" and command == ACCEPT:
+            assert self.version is not None
+            self.folder.acts(self.version.before)
+            self._end("went_back", f"it could not be accepted: {reason}")
+        elif self.phase == "rolling" and command == CONTROLLER:
+            assert self.version is not None
+            self.folder.acts(self.version.number)
+            self._end("accepted", f"{self.version.reason}; the daemon did not take the one of before: {reason}")
 
     def _returned(self, reason: str) -> None:
         on_trial, self._on_trial = self._on_trial, False
         if on_trial or self.phase == "asked":
-            self._over("went_back", "" if reason == REVERTED else reason)
+            self._end("went_back", "" if reason == REVERTED else reason)
 
     def _weigh(self, from_s: float) -> None:
         assert self.version is not None
-        self._phase_before = self.phase
         self.phase = "weighing"
         self._work = HealWork("weigh", self.version.number, from_s, self._t)
 
@@ -356,7 +390,7 @@ class Healing:
             if bad:
                 self._orders.append(WantedCommand(REVERT))
                 self._on_trial = False
-                self._over("went_back", bad)
+                self._end("went_back", bad)
             else:
                 self._accept()
             return
@@ -377,7 +411,7 @@ class Healing:
         self._keep("accepted", f"accepted by {self.version.decided_by}: its cost is as promised")
         self.folder.acts(self.version.number)
         self._seen = _Watched(faults=self._seen.faults)
-        self._rounds = self._bad = 0
+        self._rounds = self._bad = self._fruitless = 0
         self._enter("settling")
         self._tell(f"version {self.version.number} is accepted: {self.version.reason}")
 
@@ -399,24 +433,26 @@ class Healing:
     def _failed(self, work: HealWork, error: str) -> None:
         """A computation came to nothing."""
         if work.name != "weigh":
-            self._over("left", error)
+            self._end("left", error)
         elif self._on_trial:
             self._orders.append(WantedCommand(REVERT))
             self._on_trial = False
-            self._over("went_back", error)
+            self._end("went_back", error)
         else:
             self._enter("settling")
 
     # ------------------------------------------------------------------------------------------ what is kept
 
-    def _over(self, state: Any, reason: str) -> None:
+    def _end(self, state: Any, reason: str) -> None:
         """Nothing more comes of the version; the loop is watched again, after a pause."""
         assert self.version is not None
         self.version.reason = reason or self.version.reason
         self._keep(state, self.version.reason)
         self._tell(f"version {self.version.number}: {state.replace('_', ' ')}, {self.version.reason}")
         self._seen = _Watched(faults=self._seen.faults)
-        self._last_look, self._quiet_until = self._t, self._t + self.plan.pause_s
+        self._acts_since = self._t
+        self._last_look, self._quiet_until = self._t, self._t + self.plan.pause_s * 2**self._fruitless
+        self._fruitless = min(self._fruitless + 1, MOST_DOUBLED)
         self.version = None
         self._enter("watching")
 

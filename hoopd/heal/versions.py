@@ -4,7 +4,8 @@
     0000/version.json         the loop as it was found, with controller.yaml and model.yaml
     0001/version.json         what became of the first change
     0001/evidence.mcap        the minutes that were diagnosed; fresh.mcap: those that prove it, which were not fitted
-    0001/diagnosis.json       of `hoopd diagnose`, with report.html and model.yaml
+    0001/diagnosis.json       of `hoopd diagnose`, with report.html and found.yaml
+    0001/model.yaml           what was found, without small corrections beside it
     0001/controller.yaml      of `hoopd design`, with design.json
     0001/decision.json        what a person decided
 
@@ -38,8 +39,8 @@ DECISION = "decision.json"
 class HealVersion(msgspec.Struct, kw_only=True):
     """`hoopd.version/1`: one version, or one attempt at one.
 
-    Times are s since 1970, of a run in lock-step its run time; `from_s` and `to_s` are run time of the minutes that were
-    diagnosed; `before`: the version that acted then; `restores`: an earlier one that explains them as well.
+    Times are s since 1970, of a run in lock-step its run time; `from_s` and `to_s` are run time of the minutes that
+    were diagnosed; `before`: the version that acted then; `restores`: an earlier one that explains them as well.
     """
 
     schema: Literal["hoopd.version/1"] = "hoopd.version/1"
@@ -104,7 +105,8 @@ class VersionFolder:
         path = self.folder / "heal.json"
         if not path.exists():
             raise InputError(self.folder, "--out", "holds no versions: hoopd heal has not been here")
-        return _decoded(path, HealedLoop)
+        loop: HealedLoop = _decoded(path, HealedLoop)
+        return loop
 
     def of(self, number: int) -> Path:
         """A version's folder."""
@@ -119,7 +121,8 @@ class VersionFolder:
         path = self.of(number) / "version.json"
         if not path.exists():
             raise InputError(self.folder, str(number), "no such version; `hoopd heal list` has them")
-        return _decoded(path, HealVersion)
+        version: HealVersion = _decoded(path, HealVersion)
+        return version
 
     def every(self) -> Iterator[HealVersion]:
         """All of them, the oldest first."""
@@ -132,7 +135,7 @@ class VersionFolder:
             reason="as the daemon had it",
         )  # fmt: skip
         folder = self.of(version.number)
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         replace_file(folder / "controller.yaml", controller.encode())
         replace_file(folder / "model.yaml", model.encode())
         version.sha256 = self.hashes(version.number)
@@ -143,7 +146,7 @@ class VersionFolder:
     def add(self, at: float, **told: Any) -> HealVersion:
         """A new attempt."""
         version = HealVersion(number=self._next(), begun=at, **told)
-        self.of(version.number).mkdir()
+        self.of(version.number).mkdir(exist_ok=True)  # of one that was killed before it wrote a word
         self.keep(version, at, "begun")
         return version
 

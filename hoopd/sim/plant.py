@@ -51,7 +51,9 @@ class _Physics:
         self.late = {channel: c.latency_s(channel, values) for channel in READ}
         self.errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
         self.composite = c
-        self._flying = (ContactModes(found.plant, effects), values) if any(e.flight is not None for e in effects) else None
+        self._flying = (
+            (ContactModes(found.plant, effects), values) if any(e.flight is not None for e in effects) else None
+        )
         self.has_effects = bool(effects)
 
     def course(self, z: Array) -> ContactCourse | None:

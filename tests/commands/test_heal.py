@@ -1,0 +1,103 @@
+"""`hoopd heal`: versions are listed, decided and restored; what cannot be meant is one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from inprocess import call
+
+from hoopd.commands import operator
+from hoopd.heal.versions import VersionFolder
+
+
+def kept(folder: Path) -> VersionFolder:
+    """A loop as it was found, one version that is proposed, and one that was left."""
+    versions = VersionFolder(folder)
+    versions.begin("hoop")
+    versions.first("lqg.yaml@" + "0" * 64, "law", "model", 0.0, "ann")
+    for state, reason in (("proposed", "new: hoop.coulomb_friction"), ("left", "camera.outliers")):
+        version = versions.add(60.0, kind="physics", reason=reason, key="heal-1.yaml@" + "1" * 64)
+        (versions.of(version.number) / "model.yaml").write_text("a: 1\n")
+        version.sha256 = versions.hashes(version.number)
+        version.state = state  # type: ignore[assignment]
+        versions.keep(version, 61.0, state)
+    return versions
+
+
+def told(words: list[str], folder: Path) -> dict[str, Any]:
+    """What an action writes."""
+    path = folder.parent / "told.json"
+    code, _, errors = call(["heal", *words, "--out", str(folder), "--json", str(path)])
+    assert code == 0, errors
+    result: dict[str, Any] = msgspec.json.decode(path.read_bytes())
+    return result
+
+
+def test_versions_are_listed_and_shown_with_what_happened_to_them(tmp_path: Path) -> None:
+    folder = kept(tmp_path / "healed").folder
+    listed = told(["list"], folder)
+    assert listed["acting"] == "0000" and listed["watched"] is False
+    assert [row["state"] for row in listed["versions"].values()] == ["accepted", "proposed", "left"]
+    shown = told(["show", "1"], folder)
+    assert shown["history"] == [[60.0, "begun"], [61.0, "proposed"]] and shown["sha256"]["model.yaml"]
+
+
+def test_a_person_s_word_lies_beside_the_version_until_somebody_watches(tmp_path: Path) -> None:
+    versions = kept(tmp_path / "healed")
+    assert "no hoopd heal runs here" in told(["accept", "1"], versions.folder)["says"]
+    decision = versions.decision(1)
+    assert decision is not None and decision.accept
+    code, _, errors = call(["heal", "accept", "2", "--out", str(versions.folder)])
+    assert code == 2 and errors.endswith("healed: 2: is left, not proposed\n")
+
+
+def test_any_version_that_acted_is_restored_by_one_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    versions, asked = kept(tmp_path / "healed"), list[dict[str, Any]]()
+    versions.acts(1)
+    monkeypatch.setattr(operator, "ask", lambda request, *_: asked.append(request) or {"mode": "RUNNING"})
+    assert told(["restore", "0"], versions.folder)["says"] == "version 0 acts"
+    assert asked == [{"command": "controller", "key": "lqg.yaml@" + "0" * 64}] and versions.loop().acting == 0
+    code, _, errors = call(["heal", "restore", "2", "--out", str(versions.folder)])
+    assert code == 2 and "2: never acted (it is left)" in errors
+    (versions.of(0) / "model.yaml").write_text("another")
+    code, _, errors = call(["heal", "restore", "0", "--out", str(versions.folder)])
+    assert code == 2 and "was changed after it was proposed" in errors and len(asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("policy", "line"),
+    [
+        ("effects: [hoop.*]", "policy.yaml: Object missing required field `schema`"),
+        ("schema: hoopd.policy/1\nefects: [hoop.*]", "policy.yaml: efects: unknown key; did you mean effects?"),
+        ("schema: hoopd.policy/1\neffects: [friction]", "policy.yaml: effects[0]: 'friction' is no SLOT.EFFECT"),
+        ("schema: hoopd.policy/1\nparameter_change: -1", "policy.yaml: parameter_change: "),
+        ("schema: hoopd.policy/1\nlargest: {Fc: -0.1}", "policy.yaml: largest.Fc: expected SLOT.EFFECT.PARAMETER"),
+        ("schema: hoopd.policy/1\npause_s: 5 N m", "policy.yaml: pause_s: "),
+    ],
+)
+def test_a_policy_that_cannot_be_meant_is_one_line(policy: str, line: str, tmp_path: Path) -> None:
+    (tmp_path / "policy.yaml").write_text(policy)
+    words = ["heal", "--policy", str(tmp_path / "policy.yaml"), "--out", str(tmp_path / "healed")]
+    code, _, errors = call(words)
+    assert code == 2 and line in errors and errors.count("\n") == 1
+    assert not (tmp_path / "healed").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ([], "hoopd: --recordings: the folder into which the daemon records (hoopd --record FOLDER)"),
+        (["--recordings", "/nowhere"], "hoopd: /nowhere: --recordings: no such folder"),
+        (["watch", "3"], "hoopd: watch: 3: takes no number"),
+        (["--by", "luck"], "hoopd: --by: 'luck' is none of ball, cost"),
+        (["mend"], "hoopd: ACTION: mend: unknown; known: watch, list, show, accept, leave, restore"),
+        (["list"], "holds no versions: hoopd heal has not been here"),
+        (["accept", "one"], "holds no versions"),
+    ],
+)
+def test_what_cannot_be_begun_is_one_line(words: list[str], line: str, tmp_path: Path) -> None:
+    code, _, errors = call(["heal", *words, "--out", str(tmp_path / "healed")])
+    assert code == 2 and line in errors and errors.count("\n") == 1

@@ -1,0 +1,87 @@
+"""What changed, by a diagnosis: a parameter, another physics, or a sensor that is broken and never learned."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+from saiddiagnosis import said
+
+from hoopd.diagnose.record import Base, Diagnosis, EffectFinding, Quantity
+from hoopd.heal.change import NOTHING, PARAMETERS, PHYSICS, SENSOR, UNKNOWN, judged
+
+
+def found(name: str, sizes: dict[str, float] | None = None, **more: Any) -> Diagnosis:
+    """A diagnosis with one confirmed effect."""
+    diagnosis = said(0.9)
+    parameters = {key: Quantity(value=one, unit="", ci95=None, nominal=0.0) for key, one in (sizes or {}).items()}
+    told = {"name": name, "slot": name.partition(".")[0], "parameters": parameters, "explained": 0.9, **more}
+    effect: EffectFinding = msgspec.structs.replace(diagnosis.effects[0], **told)
+    return msgspec.structs.replace(diagnosis, effects=[effect])
+
+
+def parameters(**values: tuple[float, float, float]) -> Base:
+    """Value, half of the interval, and what it was."""
+    return Base(
+        model="hoop",
+        parameters={
+            name: Quantity(value=now, unit="", ci95=(now - half, now + half), nominal=before)
+            for name, (now, half, before) in values.items()
+        },
+    )
+
+
+def test_a_confirmed_effect_is_new_physics_with_its_sizes() -> None:
+    judgement = judged(found("hoop.coulomb_friction", {"Fc": 0.006}), {}, 40.0)
+    assert judgement.kind == PHYSICS and judgement.may_be_learned
+    assert judgement.effects == {"hoop.coulomb_friction": {"Fc": 0.006}}
+
+
+def test_a_parameter_that_left_its_interval_is_a_changed_parameter() -> None:
+    base = parameters(bh=(1.4e-3, 1e-5, 7e-4), Ih=(1.52e-3, 1e-5, 1.518e-3))
+    judgement = judged(said(base=base, verdict="parameters"), {}, 40.0)
+    assert judgement.kind == PARAMETERS and judgement.parameters == {"bh": pytest.approx(1.0)}
+    assert judged(said(base=parameters(bh=(7.05e-4, 1e-6, 7e-4))), {}, 40.0).kind == NOTHING
+
+
+@pytest.mark.parametrize("name", ["camera.outliers", "camera.late_frames", "camera.center_offset", "encoder.harmonic"])
+def test_a_broken_sensor_is_never_learned(name: str) -> None:
+    judgement = judged(found(name, {"share": 0.1}, explained=None), {}, 40.0)
+    assert judgement.kind == SENSOR and not judgement.may_be_learned
+
+
+@pytest.mark.parametrize(("name", "size"), [("camera.latency", "d"), ("encoder.speed_lag", "T")])
+def test_a_delay_is_learned_up_to_60_ms(name: str, size: str) -> None:
+    assert judged(found(name, {size: 0.055}), {}, 40.0).kind == PHYSICS
+    late = judged(found(name, {size: 0.065}), {}, 40.0)
+    assert late.kind == SENSOR and "65 ms is more than 60 ms" in late.reason
+
+
+@pytest.mark.parametrize(
+    ("faults", "kind"),
+    [
+        ({"ball_missing": 0.5}, PHYSICS),  # of 40 s: an accident
+        ({"ball_missing": 2.0}, SENSOR),
+        ({"camera_late": 2.0}, SENSOR),
+        ({"ball_lost": 0.2}, SENSOR),  # took the torque away
+        ({"speed_implausible": 0.02}, SENSOR),
+        ({"overrun_persistent": 5.0, "model_drift": 40.0}, PHYSICS),  # of the computer, and what was asked about
+    ],
+)
+def test_what_a_fault_row_names_stops_learning(faults: dict[str, float], kind: str) -> None:
+    assert judged(found("hoop.coulomb_friction", {"Fc": 0.006}), faults, 40.0).kind == kind
+
+
+def test_what_is_not_sure_or_has_no_law_is_left() -> None:
+    assert judged(found("hoop.coulomb_friction", status="weak"), {}, 40.0).kind == NOTHING
+    assert judged(found("hoop.coulomb_friction", in_model=False), {}, 40.0).kind == NOTHING
+    assert judged(found("unknown.hoop"), {}, 40.0).kind == UNKNOWN
+    assert judged(said(), {}, 40.0).kind == NOTHING
+
+
+def test_a_correction_beside_the_change_is_no_change() -> None:
+    friction, late = (found(*one).effects[0] for one in (("hoop.coulomb_friction",), ("encoder.latency", {"d": 7e-5})))
+    late = msgspec.structs.replace(late, explained=0.02)
+    judgement = judged(said(effects=[friction, late]), {}, 40.0)
+    assert judgement.kind == PHYSICS and list(judgement.effects) == ["hoop.coulomb_friction"]

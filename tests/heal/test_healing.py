@@ -1,0 +1,294 @@
+"""A loop that is followed, against a daemon that is played: what it asks for, when, and where it goes on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hoopd.core.succession import REVERTED
+from hoopd.design.comparison import WantedCommand
+from hoopd.design.yardstick import TickSample
+from hoopd.files.heal_policy import HealPolicy
+from hoopd.files.reading import InputError
+from hoopd.heal.healing import Healing, HealPlan, HealWork, verdict
+from hoopd.heal.versions import HealDecision, VersionFolder
+
+PERIOD_S, COMPUTES_S = 0.02, 5.0
+POLICY = HealPolicy(
+    schema="hoopd.policy/1", effects=["hoop.*"], largest={"hoop.coulomb_friction.Fc": 0.02}, pause_s=0.0
+)
+FRICTION = {
+    "kind": "physics", "reason": "new: hoop.coulomb_friction", "learn": True,
+    "effects": {"hoop.coulomb_friction": {"Fc": 0.006}}, "probabilities": {"hoop.coulomb_friction": 0.9},
+    "parameters": {},
+}  # fmt: skip
+PROVEN = {
+    "proven": True, "why": "90 nats", "key": "heal-1.yaml@abc123abc123", "restores": None,
+    "promise": {"measured": 1.0, "before": 1.0, "new": 0.8},
+}  # fmt: skip
+GOOD, BAD = {"measured": 0.8, "before": 1.0, "new": 0.8}, {"measured": 1.4, "before": 1.0, "new": 0.8}
+
+
+@dataclass
+class PlayedDaemon:
+    """Answers what a healing asks for, and computes what it is told to."""
+
+    folder: Path
+    policy: HealPolicy | None = POLICY
+    answers: dict[str, Any] = field(default_factory=dict)
+    plan: HealPlan = field(default_factory=HealPlan)
+    takes: bool = True
+
+    def __post_init__(self) -> None:
+        self.t, self.running, self.faults = 0.0, True, tuple[str, ...]()
+        self.orders: list[tuple[float, WantedCommand]] = []
+        self.works: list[HealWork] = []
+        self._due: tuple[float, HealWork] | None = None
+        self.versions = VersionFolder(self.folder)
+        if not self.folder.exists():
+            self.versions.begin("hoop")
+            self.versions.first("lqg.yaml@000000000000", "law", "model", 0.0, "me")
+        self.answers = {"diagnose": FRICTION, "prove": PROVEN, "weigh": GOOD} | self.answers
+        self.begin()
+
+    def begin(self, run: str = "one") -> None:
+        """A healing of this folder."""
+        self.healing = Healing(self.versions, self.plan, self.policy, lambda: self.t, run)
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Ticks, until something is so."""
+        end = self.t + seconds
+        while self.t < end and not until():
+            self.t = round(self.t + PERIOD_S, 6)
+            self.healing.see(self.faults)
+            nan = float("nan")
+            for order in self.healing.put(TickSample(self.t, self.running, 0.0, 0.0, nan, nan, 0.0)):
+                self._obey(order)
+            if (work := self.healing.take_work()) is not None:
+                self.works.append(work)
+                self._due = (self.t + COMPUTES_S, work)
+            if self._due is not None and self.t >= self._due[0]:
+                done, self._due = self._due[1], None
+                self.healing.done(done, self.answers[done.name])
+
+    def _obey(self, order: WantedCommand) -> None:
+        self.orders.append((self.t, order))
+        if order.name in ("trial", "controller"):
+            if self.takes:
+                told = {"command": order.name, "sha256": order.key.partition("@")[2] + "0" * 52}
+                self.healing.note("controller", told)
+            else:
+                self.healing.note("command_refused", {"command": order.name, "reason": "the model does not fit"})
+        if order.name == "revert":
+            self.healing.note("trial_returned", {"reason": REVERTED})
+        if order.name == "clear":
+            self.faults = ()
+
+    def drift(self) -> None:
+        """The model no longer fits."""
+        self.faults = ("model_drift",)
+        self.healing.note("model_drift", {"channels": ["dtheta"]})
+
+    @property
+    def names(self) -> list[str]:
+        """Of the orders but `alive`."""
+        return [order.name for _, order in self.orders if order.name != "alive"]
+
+    def state(self, number: int = 1) -> str:
+        """Of a version."""
+        return self.versions.read(number).state if number in self.versions.numbers() else ""
+
+
+def test_a_change_is_diagnosed_from_where_it_is_certain_tried_and_accepted_by_the_policy(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.run(100.0)
+    assert daemon.works == [] and daemon.orders == []
+    daemon.drift()
+    daemon.run(40.0, lambda: bool(daemon.works))
+    assert daemon.works[0].from_s == pytest.approx(100.0 - 10.0, abs=0.05) and daemon.works[0].to_s == pytest.approx(
+        130.0
+    )
+    daemon.run(100.0, lambda: daemon.state() == "accepted")
+    assert daemon.names == ["trial"] and [one.name for one in daemon.works] == ["diagnose", "prove", "weigh"]
+    # nothing that proves it was fitted
+    assert daemon.works[1].from_s >= daemon.works[0].to_s
+    alive = [t for t, order in daemon.orders if order.name == "alive"]
+    assert max(b - a for a, b in itertools.pairwise(alive)) < 2.0
+    daemon.run(200.0)
+    assert daemon.names == ["trial", "accept", "clear"] and daemon.versions.loop().acting == 1
+    assert daemon.versions.read(1).decided_by == "policy" and daemon.healing.phase == "watching"
+
+
+def test_without_a_policy_a_person_accepts(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", policy=None)
+    daemon.drift()
+    daemon.run(200.0)
+    assert daemon.state() == "proposed" and daemon.orders == []
+    daemon.versions.decide(1, HealDecision(accept=True, who="ann"))
+    decision = daemon.versions.decision(1)
+    assert decision is not None
+    daemon.healing.decide(decision.accept, decision.who)
+    daemon.run(50.0)
+    assert daemon.state() == "accepted" and daemon.versions.read(1).decided_by == "ann"
+    with pytest.raises(InputError, match="1: is accepted, not proposed"):
+        daemon.versions.decide(1, HealDecision(accept=False, who="ann"))
+
+
+@pytest.mark.parametrize(
+    ("policy", "why"),
+    [
+        ({"effects": ["camera.*"]}, "hoop.coulomb_friction is not among the policy's effects"),
+        ({"largest": {"hoop.coulomb_friction.Fc": 0.003}}, "Fc is 0.006, the policy's largest is 0.003"),
+        ({"least_probability": 0.95}, "hoop.coulomb_friction is 90% sure, the policy asks for 95%"),
+        ({"most_per_day": 0}, "0 versions were accepted within a day, the policy's most is 0"),
+    ],
+)  # fmt: skip
+def test_what_the_policy_does_not_let_pass_waits_for_a_person(policy: dict[str, Any], why: str, tmp_path: Path) -> None:
+    told = {"schema": "hoopd.policy/1", "effects": ["hoop.*"], **policy}
+    daemon = PlayedDaemon(tmp_path / "healed", policy=HealPolicy(**told))
+    daemon.drift()
+    daemon.run(200.0)
+    assert daemon.state() == "proposed" and daemon.orders == []
+    assert why in daemon.versions.read(1).history[-1][1]
+
+
+def test_a_broken_sensor_is_left_and_looked_at_ever_more_seldom(tmp_path: Path) -> None:
+    sensor = {"kind": "sensor", "reason": "camera.outliers", "learn": False}
+    daemon = PlayedDaemon(tmp_path / "healed", answers={"diagnose": sensor})
+    daemon.drift()
+    daemon.run(2000.0)
+    assert daemon.orders == [] and {one.name for one in daemon.works} == {"diagnose"}
+    assert {one.state for one in daemon.versions.every()} == {"accepted", "left"}
+    begun = [one.to_s for one in daemon.works]
+    assert [round(b - a, -2) for a, b in itertools.pairwise(begun)] == [300.0, 600.0]
+
+
+def test_what_no_fresh_seconds_prove_is_left(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", answers={"prove": {"proven": False, "why": "not proven: 1.0 nats"}})
+    daemon.drift()
+    daemon.run(100.0)
+    assert daemon.state() == "left" and daemon.orders == []
+
+
+def test_a_trial_that_costs_more_goes_back(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", answers={"weigh": BAD})
+    daemon.drift()
+    daemon.run(200.0)
+    assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
+    assert daemon.versions.loop().acting == 0
+
+
+def test_what_the_daemon_refuses_or_takes_back_is_written_down(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", takes=False)
+    daemon.drift()
+    daemon.run(200.0)
+    assert daemon.state() == "refused" and "does not fit" in daemon.versions.read(1).reason
+    other = PlayedDaemon(tmp_path / "other")
+    other.drift()
+    other.run(200.0, lambda: other.healing.phase == "trying")
+    other.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
+    assert other.state() == "went_back" and other.versions.read(1).reason == "cost 0.1 rad^2"
+
+
+def test_it_rolls_back_by_itself_when_the_change_goes_away_again(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state() == "accepted")
+    daemon.run(10.0)
+    daemon.answers["weigh"] = BAD
+    daemon.run(200.0)
+    assert daemon.names == ["trial", "accept", "clear", "controller", "clear"]
+    assert daemon.orders[-2][1].key == "lqg.yaml@000000000000"
+    assert daemon.state() == "rolled_back" and daemon.versions.loop().acting == 0
+
+
+def test_killed_in_a_trial_it_goes_on_with_what_is_proposed_and_loses_nothing(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", policy=None)
+    daemon.drift()
+    daemon.run(200.0)
+    daemon.healing.decide(True, "ann")
+    daemon.run(10.0)
+    assert daemon.state() == "trying"
+    before = {path: path.read_bytes() for path in (tmp_path / "healed" / "0000").iterdir()}
+    again = PlayedDaemon(tmp_path / "healed", policy=None)  # the daemon took the trial back meanwhile
+    assert again.state() == "proposed" and again.versions.loop().acting == 0
+    again.healing.decide(True, "ann")
+    again.run(100.0, lambda: again.state() == "accepted")
+    assert again.versions.loop().acting == 1
+    assert all(path.read_bytes() == data for path, data in before.items())
+
+
+@pytest.mark.parametrize("phase", ["diagnosing", "waiting", "proving"])
+def test_killed_while_it_computes_it_goes_on_with_the_same_minutes(phase: str, tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == phase)
+    again = PlayedDaemon(tmp_path / "healed")
+    work = again.healing.take_work()
+    assert work is not None and (work.name, work.number) == ("diagnose", 1)
+    again.healing.done(work, FRICTION)
+    again.run(300.0, lambda: again.state() == "accepted")
+    assert again.versions.loop().acting == 1 and len(again.versions.numbers()) == 2
+
+
+def test_minutes_that_another_run_lost_are_not_diagnosed(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "diagnosing")
+    daemon.begin(run="two")
+    assert daemon.state() == "left" and daemon.healing.take_work() is None
+
+
+def test_somebody_else_s_controller_ends_it(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.run(5.0)
+    daemon.healing.note("controller", {"command": "controller", "sha256": "f" * 64})
+    daemon.run(1.0)
+    assert daemon.healing.settled and "somebody else" in daemon.healing.why
+
+
+def test_interrupted_in_a_trial_it_asks_for_the_accepted_one(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+    daemon.healing.stop("interrupted")
+    daemon.run(1.0)
+    assert daemon.names[-1] == "revert" and daemon.state() == "proposed"
+
+
+def test_a_pause_of_the_law_begins_the_minutes_anew(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.run(30.0)
+    daemon.drift()
+    daemon.run(10.0)
+    daemon.running = False
+    daemon.run(60.0)
+    assert daemon.works == []
+    daemon.running = True
+    daemon.run(60.0, lambda: bool(daemon.works))
+    assert daemon.works[0].from_s >= 100.0 - 10.1
+
+
+def test_a_file_that_was_changed_is_not_accepted(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", policy=None)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "waiting")
+    (tmp_path / "healed" / "0001" / "model.yaml").write_text("a: 1")
+    daemon.run(100.0)
+    assert daemon.state() == "proposed"
+    (tmp_path / "healed" / "0001" / "model.yaml").write_text("a: 2")
+    with pytest.raises(InputError, match=r"model\.yaml: was changed after it was proposed"):
+        daemon.versions.decide(1, HealDecision(accept=True, who="ann"))
+
+
+def test_a_promise_is_broken_by_more_than_a_fifth_and_more_than_before() -> None:
+    promise = {"measured": 1.0, "before": 1.0, "new": 0.8}
+    assert verdict({"measured": 0.95, "before": 1.0, "new": 0.8}, promise) == ""
+    assert "were promised" in verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise)
+    # what the device costs more than its model in either is not the new law's fault
+    assert verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise | {"measured": 1.5}) == ""

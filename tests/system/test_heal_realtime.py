@@ -1,0 +1,92 @@
+"""`hoopd heal` as a process beside a daemon on the clock: killed in a trial, the loop is back on what was accepted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from harness.healed_rig import controllers_of
+from harness.realrun import ENVIRONMENT, Daemon
+
+from hoopd.files.controller_folder import key_of
+from hoopd.heal.versions import VersionFolder
+
+pytestmark = pytest.mark.realtime
+
+
+def waited(until: Callable[[], bool], seconds: float) -> bool:
+    """Whether it came to be so in time."""
+    end = time.monotonic() + seconds
+    while not until() and time.monotonic() < end:
+        time.sleep(0.1)
+    return until()
+
+
+def proposed(folder: Path, controllers: Path) -> VersionFolder:
+    """A loop as it was found, and one version that waits for a person: the same law, told to be weaker."""
+    law = (controllers / "lqg.yaml").read_text()
+    model = (controllers / "models" / "hoop.yaml").read_text()
+    other = controllers / "heal-1.yaml"
+    other.write_text(law.replace("k_psi: 0.12387277", "k_psi: 0.11"))
+    versions = VersionFolder(folder)
+    versions.begin("hoop")
+    versions.first(key_of(controllers / "lqg.yaml"), law, model, 0.0, "ann")
+    version = versions.add(1.0, key=key_of(other), kind="physics", reason="told", before=0)
+    (versions.of(1) / "model.yaml").write_text(model)
+    (versions.of(1) / "controller.yaml").write_text(other.read_text())
+    version.sha256 = versions.hashes(1)
+    version.evidence = {"promise": {"measured": 1.0, "before": 1.0, "new": 1.0}}
+    version.state = "proposed"
+    versions.keep(version, 1.0, "proposed")
+    return versions
+
+
+def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_path: Path) -> None:
+    controllers = controllers_of(tmp_path)
+    versions = proposed(tmp_path / "healed", controllers)
+    config = {"control": {"file": str(controllers / "lqg.yaml")}}
+    with Daemon(tmp_path, config=config, psi_rad=0.0) as daemon:
+
+        def acting() -> str:
+            return str(daemon.command("status")["status"]["controller"]["file"])
+
+        assert waited(lambda: daemon.socket.exists() and daemon.command("status")["status"]["mode"] == "RUNNING", 30.0)
+        sets = ["--set", f"commands.socket={daemon.socket}"]
+        out = ["--out", str(versions.folder)]
+        line = [sys.executable, "-m", "hoopd", "heal", "--recordings", str(daemon.record), "--connect", daemon.endpoint]
+        line += ["--controllers", str(controllers), *out, *sets, "--trial", "20"]
+        told = (tmp_path / "told.txt").open("w")
+        process = subprocess.Popen(line, stdout=told, stderr=subprocess.STDOUT, env=ENVIRONMENT, cwd=tmp_path)
+        try:
+            subprocess.run([*line[:4], "accept", "1", *out], check=True, env=ENVIRONMENT, cwd=tmp_path, timeout=30.0)
+            assert waited(lambda: acting() == "heal-1.yaml", 40.0), (tmp_path / "told.txt").read_text()
+            time.sleep(6.0)  # it says that it watches
+            assert acting() == "heal-1.yaml"
+        finally:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait(10.0)
+        assert waited(lambda: acting() == "lqg.yaml", 10.0)
+        assert versions.read(1).state == "trying" and versions.loop().acting == 0
+        process = subprocess.Popen(line, stdout=told, stderr=subprocess.STDOUT, env=ENVIRONMENT, cwd=tmp_path)
+        try:
+            # the person's word still lies there: it is tried once more, from the beginning
+            assert waited(lambda: versions.read(1).state == "trying" and acting() == "heal-1.yaml", 40.0)
+            process.send_signal(signal.SIGINT)
+            process.wait(15.0)
+        finally:
+            process.kill()
+            process.wait(10.0)
+        assert waited(lambda: acting() == "lqg.yaml", 3.0) and versions.read(1).state == "proposed"
+        restore = [*line[:4], "restore", "0", *out, *sets]
+        done = subprocess.run(
+            restore, check=False, capture_output=True, text=True, env=ENVIRONMENT, cwd=tmp_path, timeout=60.0
+        )
+        assert done.returncode == 0, done.stderr
+        assert acting() == "lqg.yaml" and versions.read(0).history[-1][1].startswith("restored by")
+        told.close()

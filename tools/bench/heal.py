@@ -1,0 +1,223 @@
+"""Changes in running loops that nobody is told of: are they found, learned, and is the loop as good again as it can be?
+
+    python tools/bench/heal.py [--changes 7] [--seed 1] [--wall] [--only KIND ...] [--json FILE]
+
+Every change is a run of the whole daemon in lock-step, whose references an operator moves every three seconds. After a
+minute something happens in the rig (or nothing does); `hoopd heal` is beside it with a policy that lets everything
+pass. What it computes is charged as time of the rig: the processor's time, or with `--wall` the time on the wall, which
+on a busy machine is longer. The same run is made twice more: with the law of before all the time, and with one
+designed on the truth. Costs are of the true states, by the yardstick of `hoopd compare`, over the last 60 s; `acts
+after` is from the change to the accepted version. Exit code 1 when a broken sensor or nothing was learned, or an
+accepted version costs 5 % more than the law of before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+
+from harness.healed_rig import HealedRun, controllers_of, heal_run  # noqa: E402
+from harness.rigrun import RigRun, run_rig  # noqa: E402
+
+from hoopd.commands.step_commands import run_step  # noqa: E402
+from hoopd.design.yardstick import TickSample, held_speed  # noqa: E402
+from hoopd.files.controller import load_controller  # noqa: E402
+from hoopd.files.heal_policy import HealPolicy  # noqa: E402
+from hoopd.files.model import EffectEntry, Parameter, model_text  # noqa: E402
+from hoopd.files.shipped import defaults_folder  # noqa: E402
+from hoopd.heal.cost_promise import figure, summed  # noqa: E402
+from hoopd.heal.healing import HealPlan  # noqa: E402
+from hoopd.plants.model_file import load_model  # noqa: E402
+from hoopd.sim import truth  # noqa: E402
+
+CHANGE_S, DURATION_S, JUDGED_S, STEP_S = 60.0, 360.0, 60.0, 3.0
+RECOVERED, WORSE = 1.2, 1.05
+POLICY = HealPolicy(schema="hoopd.policy/1", effects=["*.*"], parameter_change=10.0, pause_s=0.0, most_per_day=1000)
+console = Console()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A change: an effect of the rig with the range of its size, or a fault of it."""
+
+    effect: str = ""
+    sizes: tuple[tuple[str, float, float], ...] = ()
+    fault: str = ""
+    for_s: float = 0.0
+    is_learned: bool = True  # whether it should be
+
+
+KINDS = {
+    "dry friction grows": Kind("hoop.coulomb_friction", (("Fc", 0.006, 0.015),)),
+    "the torque fades": Kind("actuator.torque_gain", (("k", 0.7, 0.85),)),
+    "the camera is later": Kind("camera.latency", (("d", 0.02, 0.045),)),
+    "pictures 0.1 s too old": Kind(fault="pictures_aged", sizes=(("delay_s", 0.1, 0.1),), is_learned=False),
+    "friction for 150 s": Kind("hoop.coulomb_friction", (("Fc", 0.01, 0.015),), for_s=150.0),
+    "nothing": Kind(is_learned=False),
+    "pictures of half the angle": Kind(fault="picture_scale", sizes=(("factor", 0.5, 0.7),), is_learned=False),
+    "the bearing gets stiff": Kind("hoop.friction_drift", (("a", 0.7, 1.5), ("T", 1.0, 1.0))),
+}
+
+
+def sets_of(kind: Kind, sizes: dict[str, float], rng: np.random.Generator) -> list[str]:
+    """The rig's keys: what is hidden, and what the operator asks for."""
+    told = ", ".join(f"{key}: {value:.6g}" for key, value in sizes.items())
+    moves = (f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-0.15, 0.15):.3f}}}" for t in _times())
+    sets = [f"sim.commands=[{', '.join(moves)}]"]
+    if kind.effect:
+        effect = f"{{name: {kind.effect}, parameters: {{{told}}}, at_s: {CHANGE_S:g}, for_s: {kind.for_s:g}}}"
+        sets.append(f"sim.effects=[{effect}]")
+    if kind.fault:
+        sets.append(f"sim.faults=[{{kind: {kind.fault}, at_s: {CHANGE_S:g}, params: {{{told}}}}}]")
+    return sets
+
+
+def _times() -> Iterator[float]:
+    t = 2.0
+    while t < DURATION_S - STEP_S:
+        yield t
+        t += STEP_S
+
+
+def designed_on_truth(kind: Kind, sizes: dict[str, float], folder: Path) -> Path:
+    """The controller of somebody who knows what was hidden."""
+    place = controllers_of(folder)
+    model = load_model(place / "models" / "hoop.yaml")
+    parameters = {key: Parameter(value=value, unit="") for key, value in sizes.items()}
+    entry = EffectEntry(name=kind.effect, parameters=parameters)
+    told = {name: getattr(model, name) for name in model.__struct_fields__} | {"effects": [entry]}
+    (folder / "truth.yaml").write_text(model_text(model.__class__(**told)))
+    path = place / "truth_law.yaml"
+    run_step(["design", "lqg", "--model", folder / "truth.yaml", "--out", path], folder / "design.log")
+    return path
+
+
+def cost_of(t: Any, dtheta: Any, ball: Any, u: Any, wanted: Any) -> float:
+    """The ball's error on true states over the last minute, rad rms."""
+    held = held_speed(load_controller(defaults_folder() / "controllers" / "lqg.yaml").gains)
+    part = t >= t[-1] - JUDGED_S
+    columns = zip(*(one[part].tolist() for one in (t, u, dtheta, ball, wanted)), strict=True)
+    rows = (TickSample(now, True, torque, speed, angle, now, wish) for now, torque, speed, angle, wish in columns)
+    return figure(summed(rows, held), "ball")
+
+
+def cost_of_run(run: RigRun) -> float:
+    """Of a run without a healing."""
+    return cost_of(run.t, run.dtheta, run.psi, run.u, run.reference)
+
+
+def cost_of_healed(run: HealedRun) -> float:
+    """Of a run with one."""
+    from hoopd.recording.mcap import read
+
+    recording, state = read(run.recording), truth.read(run.folder / "truth.csv")
+    rows = min(len(recording), len(state.t))
+    ball, dtheta = state.psi[:rows], state.dtheta[:rows]
+    return cost_of(recording.t[:rows], dtheta, ball, recording.u[:rows], recording.extra["reference"][:rows])
+
+
+def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> dict[str, Any]:
+    """One change."""
+    kind, rng = KINDS[name], np.random.default_rng([seed, number])
+    sizes = {key: float(rng.uniform(low, high)) for key, low, high in kind.sizes}
+    sets = sets_of(kind, sizes, rng)
+    with contextlib.redirect_stderr(io.StringIO()):
+        healed = heal_run(
+            folder / "healed", *sets, duration_s=DURATION_S, plan=HealPlan(pause_s=60.0), policy=POLICY, seed=number,
+            wall=wall,
+        )  # fmt: skip
+        law = controllers_of(folder / "before") / "lqg.yaml"
+        before = run_rig(
+            folder / "before", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=DURATION_S, seed=number
+        )
+        best = before
+        if kind.effect and not kind.for_s:
+            law = designed_on_truth(kind, sizes, folder / "best")
+            best = run_rig(
+                folder / "best", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=DURATION_S, seed=number
+            )
+    accepted = [one for one in healed.versions if one.accepted is not None and one.kind != "found"]
+    costs = {"healed": cost_of_healed(healed), "before": cost_of_run(before), "best": cost_of_run(best)}
+    return {
+        "change": name,
+        "sizes": sizes,
+        "learned": [one.reason for one in accepted],
+        "acts_after_s": accepted[0].accepted - CHANGE_S if accepted and accepted[0].accepted is not None else None,
+        "acting": healed.acting,
+        "states": [(one.state, one.kind, one.reason) for one in healed.versions if one.kind != "found"],
+        "told": healed.told,
+        "computed_s": [(what, wall_s, cpu_s) for _, what, wall_s, cpu_s in healed.costs],
+        "mode_end": sorted(healed.summary["faults"]),
+        **costs,
+    }
+
+
+def wrong(row: dict[str, Any]) -> str:
+    """What is not as it must be."""
+    kind = KINDS[row["change"]]
+    if row["learned"] and not kind.is_learned:
+        return "learned what it must not"
+    if row["learned"] and row["healed"] > WORSE * row["before"]:
+        return "worse than the law of before"
+    return ""
+
+
+def show(rows: Sequence[dict[str, Any]]) -> None:
+    """The table and what it comes to."""
+    table = Table("change", "learned", "acts after, s", "ball's error, mrad rms: before", "healed", "truth", "wrong")
+    for row in rows:
+        sizes = ", ".join(f"{key} {value:.3g}" for key, value in row["sizes"].items())
+        states = "; ".join(f"{state}: {reason}" for state, _, reason in row["states"])
+        learned = "; ".join(row["learned"]) or f"- ({states or 'nothing was diagnosed'})"
+        after = "-" if row["acts_after_s"] is None else f"{row['acts_after_s']:.0f}"
+        costs = (f"{1e3 * row[key]:.1f}" for key in ("before", "healed", "best"))
+        table.add_row(f"{row['change']} {sizes}", learned, after, *costs, wrong(row))
+    console.print(table)
+    real = [row for row in rows if KINDS[row["change"]].is_learned and not KINDS[row["change"]].for_s]
+    recovered = [row for row in real if row["healed"] <= RECOVERED * row["best"]]
+    kept = [row for row in rows if not KINDS[row["change"]].is_learned and not row["learned"]]
+    others = [row for row in rows if not KINDS[row["change"]].is_learned]
+    console.print(
+        f"within 20 % of the law designed on the truth in the last minute: {len(recovered)}/{len(real)}; "
+        f"broken sensors and nothing left alone: {len(kept)}/{len(others)}"
+    )
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--changes", type=int, default=len(KINDS))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--wall", action="store_true", help="charge time on the wall, not the processor's")
+    parser.add_argument("--only", nargs="*", choices=sorted(KINDS), metavar="KIND")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    names = [name for name in KINDS if not asked.only or name in asked.only]
+    rows: list[dict[str, Any]] = []
+    for number in track(range(asked.changes), "changes", console=Console(stderr=True)):
+        with tempfile.TemporaryDirectory(prefix="hoopd-heal-") as place:
+            rows.append(changed(names[number % len(names)], number, asked.seed, Path(place), wall=asked.wall))
+        if asked.json:
+            asked.json.write_text(json.dumps(rows, indent=1))
+    show(rows)
+    return int(any(wrong(row) for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,185 @@
+"""`hoopd heal` beside the daemon in lock-step: the same decisions and computations, whose time is charged as time of
+the rig.
+
+Rules of this file: what the loop is told comes by the commands that the live process sends; nothing else touches it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hoopd.commands.heal_work import HealWorker
+from hoopd.core.modes import Mode
+from hoopd.core.records import Command, Inputs, TickRecord
+from hoopd.core.tick import Note
+from hoopd.daemon.app import Options, check_options, perform
+from hoopd.daemon.build import read_texts
+from hoopd.daemon.loading import ControllerLoader
+from hoopd.dashboard.work.controllers import Controllers
+from hoopd.design.yardstick import TickSample
+from hoopd.files.controller_folder import key_of
+from hoopd.files.heal_policy import HealPolicy
+from hoopd.files.reading import InputError
+from hoopd.files.shipped import defaults_folder
+from hoopd.heal.healing import Healing, HealPlan, HealWork
+from hoopd.heal.versions import HealVersion, VersionFolder
+from hoopd.shell import config as configuration
+from hoopd.shell.loop import Loop
+
+WHO = "heal"
+
+
+@dataclass
+class HealingGuest:
+    """Lets a healing see every tick of a run and command it."""
+
+    healing: Healing
+    worker: HealWorker
+    loader: ControllerLoader
+    wall: bool = False  # charge time on the wall; else the processor's, which a core of its own would take
+    trouble = False
+    loads: Sequence[str] = ()
+    costs: list[tuple[float, str, float, float]] = field(default_factory=list)  # rig's time, what, s wall, s processor
+
+    def __post_init__(self) -> None:
+        """Nothing is asked for yet."""
+        self._orders: list[Command] = []
+        self._loop: Loop | None = None
+        self._due: tuple[float, HealWork, dict[str, Any]] | None = None
+
+    @contextmanager
+    def attend(self, loop: Loop) -> Iterator[None]:
+        """Be there while the loop runs."""
+        self._loop = loop
+        with contextlib.suppress(KeyboardInterrupt):
+            yield
+
+    def status(self) -> str:
+        """How far it is."""
+        return self.healing.phase
+
+    def commands(self, t: float) -> tuple[Command, ...]:
+        """What it asked for since the last tick."""
+        orders, self._orders = self._orders, []
+        return tuple(orders)
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """One tick."""
+        assert self._loop is not None
+        self.healing.see(self._loop.tick.faults)
+        if self._due is not None and record.t >= self._due[0]:
+            (_, work, result), self._due = self._due, None
+            self.healing.done(work, result)
+        running = record.mode == Mode.RUNNING
+        sample = TickSample(record.t, running, record.u, record.dtheta, record.psi, record.psi_t, record.reference)
+        for order in self.healing.put(sample):
+            try:
+                text = self.loader.load(order.key, WHO) if order.key else ""
+            except InputError as error:
+                self.healing.refuse(order, str(error))
+                continue
+            self._orders.append(Command(order.name, order.value, order.key, text))
+        if (work := self.healing.take_work()) is not None:
+            self._compute(record.t, work)
+
+    def note(self, t: float, note: Note) -> None:
+        """One fact."""
+        self.healing.note(note.name, note.fields)
+
+    def _compute(self, t: float, work: HealWork) -> None:
+        began, began_cpu = time.perf_counter(), _processor_s()
+        result = self.worker.work(work)
+        wall_s, cpu_s = time.perf_counter() - began, _processor_s() - began_cpu
+        self.costs.append((t, work.name, wall_s, cpu_s))
+        self._due = (t + (wall_s if self.wall else cpu_s), work, result)
+
+
+def _processor_s() -> float:
+    """Of this process and of those that it started and that have ended."""
+    used = [resource.getrusage(one) for one in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+
+
+@dataclass(frozen=True)
+class HealedRun:
+    """What became of a run."""
+
+    folder: Path
+    recording: Path
+    versions: tuple[HealVersion, ...]
+    acting: int
+    told: tuple[str, ...]
+    costs: tuple[tuple[float, str, float, float], ...]
+    summary: dict[str, Any]
+
+
+def controllers_of(folder: Path) -> Path:
+    """A daemon's folder of controllers, with the shipped law and its model."""
+    place = folder / "controllers"
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "models").mkdir(exist_ok=True)
+    for name in ("controllers/lqg.yaml", "models/hoop.yaml"):
+        target = place / name.removeprefix("controllers/")
+        if not target.exists():
+            target.write_text((defaults_folder() / name).read_text())
+    return place
+
+
+def heal_run(
+    folder: Path,
+    *sets: str,
+    duration_s: float,
+    plan: HealPlan,
+    policy: HealPolicy | None,
+    seed: int = 0,
+    wall: bool = False,
+    worker: type[HealWorker] = HealWorker,
+) -> HealedRun:
+    """One run of the rig's daemon in lock-step with a healing beside it; its versions lie in `folder`/healed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    controllers = Controllers(controllers_of(folder))
+    record = Path(tempfile.mkdtemp(prefix="rec-", dir=folder))
+    law = controllers.folder / "lqg.yaml"
+    words = (f"control.file={law}", "sim.psi_rad=0", "log.level=error", f"sim.directory={folder}", *sets)
+    options = Options(True, None, words, duration_s, record, seed, "max", True)
+    config = configuration.load(None, sim=True, overrides=list(words))
+    check_options(options, config)
+    versions, told = VersionFolder(folder / "healed"), list[str]()
+    begins = not (folder / "healed").exists()
+    versions.begin(config.device.name)
+    if begins:
+        versions.first(
+            key_of(law), law.read_text(), (controllers.folder / "models" / "hoop.yaml").read_text(), 0.0, WHO
+        )
+    now = [0.0]
+    healing = Healing(versions, plan, policy, lambda: now[0], record.name, told.append)
+
+    def recording() -> Path:
+        return max(record.glob("run-*.mcap"))
+
+    working = worker(folder=versions, recording=recording, lay_in=controllers.lay_in, by=plan.by, seed=seed)
+    guest = _Clocked(healing, working, ControllerLoader(config, None), wall)
+    guest.now = now
+    summary = perform(options, config, read_texts(config, None), guest)
+    healing.stop("the run ended")
+    every = tuple(versions.every())
+    return HealedRun(folder, recording(), every, versions.loop().acting, tuple(told), tuple(guest.costs), summary)
+
+
+class _Clocked(HealingGuest):
+    """Dates are the rig's own time."""
+
+    now: list[float]
+
+    def put(self, record: TickRecord, inputs: Inputs) -> None:
+        """One tick."""
+        self.now[0] = record.t
+        super().put(record, inputs)
