@@ -28,6 +28,7 @@ from hoopd.design.linear_law import LinearLaw
 from hoopd.design.lqg import kalman_gain, lqr, observer_law
 from hoopd.design.margins import Margins, margins
 from hoopd.design.poles import closed_loop_poles, unstable
+from hoopd.design.worst_case import WorstCase, models_about, worst_of
 from hoopd.files.identified import IdentifiedFile, load_identified
 from hoopd.files.plant_controller import PlantControllerFile, PlantGains, parse_plant_controller, plant_controller_text
 from hoopd.files.reading import InputError
@@ -42,6 +43,8 @@ HEAD = "Made by `hoopd design identified`: x += M (y - y0 - C x), u = u0 - K x, 
 ASKED = ("law", "identified", "weights", "out", "json_path")
 # Noise of the filter's states beside the model's own, as a share of the outputs': no mode goes unwatched.
 LEAST_NOISE = 1e-6
+# Models that the data leave open and that are asked at least.
+LEAST_MODELS = 100
 
 
 def design_for(path: Path, options: DesignOptions) -> dict[str, Any]:
@@ -63,6 +66,7 @@ def design_for(path: Path, options: DesignOptions) -> dict[str, Any]:
         parse_plant_controller(text, options.out)
         replace_file(options.out, text.encode())
     found = margins(law.loop) if law.loop.ninputs == 1 else None
+    open_ = _left_open(file, law) if found is not None else None
     return {
         "model": path.name,
         "controller": "" if options.out is None else options.out.name,
@@ -72,7 +76,11 @@ def design_for(path: Path, options: DesignOptions) -> dict[str, Any]:
         "feedback": written.gains.feedback,
         "poles": [{"re": one.z.real, "im": one.z.imag} for one in poles],
         **({} if found is None else _margins(found)),
-        "notes": ["every figure is of the model itself: try the law with little authority first"],
+        **({} if open_ is None else {"worst_case": _worst(open_)}),
+        "notes": [
+            *([] if open_ is None or open_.stable else [_unstable_ones(open_)]),
+            "every figure is of the model itself: try the law with little authority first",
+        ],
     }
 
 
@@ -123,6 +131,35 @@ def _file(file: IdentifiedFile, law: LinearLaw, path: Path, out: Path | None) ->
         operating_point={name: file.operating_point.get(name, 0.0) for name in (*file.inputs, *file.outputs)},
         gains=PlantGains(**{name: np.asarray(one, float).tolist() for name, one in rows.items()}),
         notes=f"for the identified model {file.name} ({file.method})",
+    )
+
+
+def _left_open(file: IdentifiedFile, law: LinearLaw) -> WorstCase | None:
+    """The law around every model that the data leave open; None of a file that does not say how far off it may be."""
+    moves = file.moves()
+    if not moves:
+        return None
+    observer = observer_law(law.model, law.filter, law.feedback)
+    others = models_about(file.matrices(), moves, file.sample_time_s, max(LEAST_MODELS, 4 * len(moves)))
+    return worst_of([observer * one for one in others])
+
+
+def _worst(found: WorstCase) -> dict[str, Any]:
+    return {
+        "phase_margin_deg": number(degrees(found.phase_rad)),
+        "gain_margin": number(found.gain_up),
+        "delay_margin_s": number(found.delay_s),
+        "largest_sensitivity": number(found.peak_sensitivity),
+        "stable_share": found.stable_share,
+        "models": found.models,
+        "level": found.level,
+    }
+
+
+def _unstable_ones(found: WorstCase) -> str:
+    return (
+        f"of {found.models} models that the data leave open ({100 * found.level:g} %) the law keeps "
+        f"{100 * found.stable_share:.0f} % stable: record more, or ask for less (--weights)"
     )
 
 

@@ -39,6 +39,7 @@ from hoopd.ident.stacked_models import stack
 from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.subspace import subspaceid
 from hoopd.ident.structure_search import identify
+from hoopd.ident.uncertain import matrix_spread
 from hoopd.plants.declaration import Plant
 from hoopd.plots import style
 
@@ -308,6 +309,7 @@ def _file(
         recordings=[Path(one).name for one in options.recordings],
         fit_percent={name: dict(one) for name, one in percent.items()},
         notes=list(notes),
+        spread=matrix_spread(found.model).tolist(),
         **of_columns,
     )
 

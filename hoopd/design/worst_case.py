@@ -6,6 +6,7 @@ models that were asked, which a number of them says.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.design.margins import Margins, margins
-from hoopd.ident.uncertain import possible_models
+from hoopd.ident.uncertain import possible_models, surface
 
 Array = NDArray[np.float64]
+LETTERS = ("a", "b", "c", "d")
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,13 @@ def worst_case(
     >>> found.stable, bool(found.gain_up < found.nominal.gain_up)
     (True, True)
     """
-    each = [margins(_loop(one.system, law), delay_s) for one in possible_models(model, count, level=level, seed=seed)]
+    systems = [one.system for one in possible_models(model, count, level=level, seed=seed)]
+    return worst_of([_loop(one, law) for one in systems], delay_s=delay_s, level=level)
+
+
+def worst_of(loops: Sequence[control.StateSpace], *, delay_s: float = 0.0, level: float = 0.95) -> WorstCase:
+    """Give the worst margins of several loops (each plant times law, one input and output), the estimate's first."""
+    each = [margins(one, delay_s) for one in loops]
     stable = [one for one in each if one.stable]
     return WorstCase(
         each[0],
@@ -93,6 +101,40 @@ def worst_case(
         min((one.gain_up for one in stable), default=np.nan), max((one.gain_down for one in stable), default=np.nan),
         max((one.peak_sensitivity for one in stable), default=np.nan), len(stable) / len(each), len(each), level,
     )  # fmt: skip
+
+
+def models_about(
+    parts: Mapping[str, Array], moves: Sequence[Mapping[str, Array]], step_s: float, count: int = 100, *,
+    level: float = 0.95, seed: int = 0,
+) -> list[control.StateSpace]:  # fmt: skip
+    """Give the models from u to y that a file of an identified model leaves open: its own first, then `count` others.
+
+    Parameters
+    ----------
+    parts : mapping of ndarray
+        a, b, c and d.
+    moves : sequence of mapping of ndarray
+        What they change by, a standard deviation along each axis of the ellipsoid.
+    step_s : float
+        Sample time.
+    count, level, seed
+        As of `worst_case`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.design.worst_case import models_about
+    >>> a, one, none = np.array([[0.5]]), np.ones((1, 1)), np.zeros((1, 1))
+    >>> parts = {"a": a, "b": one, "c": one, "d": none}
+    >>> moves = [{"a": 0.01 * one, "b": none, "c": none, "d": none}]
+    >>> [round(float(each.A[0, 0]), 4) for each in models_about(parts, moves, 0.1, count=2)]
+    [0.5, 0.5196, 0.4804]
+    """
+    made = [control.ss(*(parts[name] for name in LETTERS), step_s)]
+    for point in surface(len(moves), count, level, seed) if moves else ():
+        moved = [parts[name] + sum(by * one[name] for by, one in zip(point, moves, strict=True)) for name in LETTERS]
+        made.append(control.ss(*moved, step_s))
+    return made
 
 
 def _loop(system: control.StateSpace, law: Any) -> control.StateSpace:

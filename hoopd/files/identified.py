@@ -21,6 +21,7 @@ Rows = list[list[float]]
 MATRICES = ("a", "b", "c", "d", "k", "r")
 # Keys that files of the hoop do without.
 LATER = ("structure", "units", "operating_point", "usual_size", "columns", "estimates")
+SPREAD = "spread"
 
 
 class IdentifiedFile(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -47,12 +48,24 @@ class IdentifiedFile(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_f
     usual_size: dict[str, float] = {}  # by signal: standard deviation in the data of the fit
     columns: dict[str, str] = {}  # by signal, and t: the column of the files that it was fitted to
     estimates: dict[str, dict[str, float | None]] = {}  # coefficients by name: value, standard_error
+    spread: Rows = []  # by one standard deviation along each axis of their ellipsoid: a, b, c, d, k, row by row
 
     def matrices(self) -> dict[str, Array]:
         """By their letters."""
         nx, nu, ny = len(self.a), len(self.inputs), len(self.outputs)
         shapes = {"a": (nx, nx), "b": (nx, nu), "c": (ny, nx), "d": (ny, nu), "k": (nx, ny), "r": (ny, ny)}
         return {name: _matrix(name, getattr(self, name), shape) for name, shape in shapes.items()}
+
+    def moves(self) -> list[dict[str, Array]]:
+        """What a, b, c, d and k change by, a standard deviation along each axis of what the data leave open."""
+        parts = {name: one for name, one in self.matrices().items() if name != "r"}
+        cuts = np.cumsum([one.size for one in parts.values()])
+        rows = _matrix(SPREAD, self.spread, (len(self.spread), int(cuts[-1])))
+        pieces = ([*np.split(row, cuts[:-1])] for row in rows)
+        return [
+            {name: piece.reshape(one.shape) for (name, one), piece in zip(parts.items(), own, strict=True)}
+            for own in pieces
+        ]
 
 
 def is_identified(path: Path) -> bool:
@@ -83,7 +96,7 @@ def parse_identified(text: str, path: object) -> IdentifiedFile:
             if name not in (*file.inputs, *file.outputs) or not np.isfinite(value):
                 raise InputError(path, f"{key}.{name}", "a finite number of an input or output")
     try:
-        file.matrices()
+        file.moves()
     except ValueError as error:
         key, _, reason = str(error).partition(": ")
         raise InputError(path, key, reason) from None
@@ -93,9 +106,12 @@ def parse_identified(text: str, path: object) -> IdentifiedFile:
 def identified_text(file: IdentifiedFile) -> str:
     """As YAML, a row of a matrix on a line."""
     plain = msgspec.to_builtins(file)
-    head = {key: value for key, value in plain.items() if key not in MATRICES and (key not in LATER or value)}
+    blocks = [*MATRICES, *([SPREAD] if file.spread else [])]
+    head = {
+        key: value for key, value in plain.items() if key not in (*MATRICES, SPREAD) and (key not in LATER or value)
+    }
     text = text_of(head, allow_unicode=True)
-    return text + "".join(f"{name}:\n{_rows(plain[name])}" for name in MATRICES)
+    return text + "".join(f"{name}:\n{_rows(plain[name])}" for name in blocks)
 
 
 def _rows(rows: Rows) -> str:

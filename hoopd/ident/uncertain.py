@@ -64,17 +64,60 @@ def possible_models(model: Any, count: int = 100, *, level: float = 0.95, seed: 
     known = coefficients_of(model)
     if known is None:
         raise ValueError("the model has no covariance: nothing tells how far off it may be")
-    others = _surface(known.values, known.covariance, count, level, seed)
+    axes = _axes(known.covariance)
+    others = (known.values + axes @ point for point in surface(axes.shape[1], count, level, seed))
     return [known.made(known.values), *(known.made(x) for x in others)]
 
 
-def _surface(values: Array, covariance: Array, count: int, level: float, seed: int) -> Iterator[Array]:
+def matrix_spread(model: Any) -> Array:
+    """How far the matrices of a model move along each axis of its ellipsoid, by one standard deviation.
+
+    Parameters
+    ----------
+    model : any model
+        A result of this package; one without a covariance has no rows.
+
+    Returns
+    -------
+    ndarray, shape (axes, size of a, b, c, d and k)
+        Each row is a, b, c, d, k row by row, of the state space that the model's `state_space` is in.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.signal import lfilter
+    >>> from hoopd.ident import arx, iddata
+    >>> from hoopd.ident.uncertain import matrix_spread
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 1000))
+    >>> y = lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0], [1.0, -0.8], 0.1 * e)
+    >>> matrix_spread(arx(iddata(y, u, 0.1), 1, 1)).shape
+    (2, 5)
+    """
+    known = coefficients_of(model)
+    if known is None:
+        return np.empty((0, 0))
+    here = _flat(known.made(known.values))
+    return np.array([_flat(known.made(known.values + axis)) - here for axis in _axes(known.covariance).T])
+
+
+def surface(axes: int, count: int, level: float, seed: int) -> Iterator[Array]:
+    """Give points (axes,) in standard deviations on the ellipsoid that holds the truth with a probability: both ends of
+    every axis first, the longest first, then at random."""
+    reach = np.sqrt(stats.chi2.ppf(level, axes))
+    rng = np.random.default_rng(seed)
+    ends = [sign * one for one in np.eye(axes)[::-1] for sign in (1.0, -1.0)]
+    for i in range(count):
+        point = ends[i] if i < len(ends) else rng.standard_normal(axes)
+        yield reach * point / np.linalg.norm(point)
+
+
+def _axes(covariance: Array) -> Array:
+    """(m, axes) half axes of one standard deviation, the longest last."""
     variances, axes = np.linalg.eigh(covariance)
     real = variances > NOTHING * variances[-1]
-    spread = axes[:, real] * np.sqrt(variances[real])
-    reach = np.sqrt(stats.chi2.ppf(level, spread.shape[1]))
-    rng = np.random.default_rng(seed)
-    ends = [sign * one for one in np.eye(spread.shape[1])[::-1] for sign in (1.0, -1.0)]
-    for i in range(count):
-        point = ends[i] if i < len(ends) else rng.standard_normal(spread.shape[1])
-        yield values + reach * spread @ (point / np.linalg.norm(point))
+    found: Array = axes[:, real] * np.sqrt(variances[real])
+    return found
+
+
+def _flat(model: Innovations) -> Array:
+    return np.concatenate([np.ravel(one) for one in (model.a, model.b, model.c, model.d, model.k)])

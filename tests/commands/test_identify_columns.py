@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 from inprocess import call
+from msgspec.structs import replace
 from scipy.signal import lfilter
 from shared import shared_path
 
@@ -99,9 +100,35 @@ def test_the_best_structure_is_found_told_drawn_simulated_and_designed_with(
         ("design", "identified", "--identified", "auto.yaml", "--out", "law.yaml", "--json", "law.json")
     )
     assert code == 0, errors
-    law, poles = load_plant_controller(folder / "law.yaml"), json.loads((folder / "law.json").read_text())["poles"]
+    designed = json.loads((folder / "law.json").read_text())
+    law, poles = load_plant_controller(folder / "law.yaml"), designed["poles"]
     assert law.channels == {"Level": "m"} and law.operating_point["Level"] == pytest.approx(2.0, abs=0.05)
     assert max(abs(complex(one["re"], one["im"])) for one in poles) < 1.0
+    worst = designed["worst_case"]
+    assert worst["models"] >= 101 and worst["stable_share"] == 1.0
+    assert 1.0 < worst["gain_margin"] < designed["gain_margin"]
+    assert worst["largest_sensitivity"] > designed["largest_sensitivity"]
+
+
+def test_what_the_data_leave_open_is_in_the_file_and_a_law_that_loses_some_of_it_is_told(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    told(folder, "run.csv", "--input", "Valve", "--output", "Level", *QUICK, "--out", "model.yaml")
+    file = load_identified(folder / "model.yaml")
+    assert len(file.moves()) == len(file.estimates)
+    unsure = replace(file, spread=[[400.0 * one for one in row] for row in file.spread])
+    (folder / "unsure.yaml").write_text(identified_text(unsure))
+    code, _, errors = call(("design", "identified", "--identified", "unsure.yaml", "--json", "law.json"))
+    found = json.loads((folder / "law.json").read_text())
+    assert code == 0 and found["worst_case"]["stable_share"] < 1.0, errors
+    assert found["notes"][0].startswith("of 101 models that the data leave open (95 %) the law keeps ")
+    (folder / "sure.yaml").write_text(identified_text(replace(file, spread=[])))
+    assert call(("design", "identified", "--identified", "sure.yaml", "--json", "law.json"))[0] == 0
+    assert "worst_case" not in json.loads((folder / "law.json").read_text())
+    (folder / "short.yaml").write_text(identified_text(replace(file, spread=[[1.0]])))
+    code, _, errors = call(("design", "identified", "--identified", "short.yaml"))
+    assert code == 2 and "short.yaml: spread: must have 1 rows of " in errors
 
 
 def test_rows_that_are_missing_cut_and_uneven_ones_are_brought_to_a_step(

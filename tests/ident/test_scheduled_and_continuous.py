@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hoopd.design.worst_case import worst_case
+from hoopd.design.worst_case import models_about, worst_case
 from hoopd.ident import (
     arx,
     fit_percent,
@@ -22,9 +24,11 @@ from hoopd.ident import (
     smooth,
     srivc,
     state_filter,
+    subspaceid,
 )
 from hoopd.ident.continuous_transfer import sampled
 from hoopd.ident.data import Data
+from hoopd.ident.uncertain import matrix_spread
 
 
 def late(delay: float, seed: int, noise: float = 0.05) -> Data:
@@ -123,6 +127,22 @@ def test_models_on_the_ellipsoid_hold_the_margins_of_the_truth() -> None:
     assert found.stable and found.models == 31
     with pytest.raises(ValueError, match="no covariance"):
         possible_models(innovations(control.ss([[0.8]], [[0.2]], [[1.0]], [[0.0]], 0.1)))
+
+
+@pytest.mark.parametrize("fit", [lambda d: arx(d, 2, 2), lambda d: subspaceid(d, 2)], ids=["arx", "subspace"])
+def test_what_a_file_keeps_of_a_model_gives_the_same_models_that_may_be_true(fit: Any) -> None:
+    """To first order: where the matrices are no straight lines of the coefficients the ends differ a little."""
+    u, e = np.random.default_rng(0).standard_normal((2, 2000))
+    model = fit(iddata(lfilter([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], u) + 0.1 * e, u, 0.1))
+    own = model.state_space
+    sizes = np.cumsum([getattr(own, name).size for name in "abcdk"])[:-1]
+    moves = [
+        {name: part.reshape(getattr(own, name).shape) for name, part in zip("abcdk", np.split(row, sizes), strict=True)}
+        for row in matrix_spread(model)
+    ]
+    said = models_about({name: getattr(own, name) for name in "abcd"}, moves, 0.1, 20)
+    for one, other in zip(said, possible_models(model, 20), strict=True):
+        assert one.dcgain() == pytest.approx(other.system.dcgain(), rel=2e-3)
 
 
 def test_a_law_that_loses_a_possible_model_is_told() -> None:
