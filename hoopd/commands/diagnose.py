@@ -13,6 +13,7 @@ import msgspec
 
 from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants
 from hoopd.commands.diagnosed_model import doubts, found_model, left_out
+from hoopd.commands.diagnosis_memory import DiagnosisMemory, memory_of
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
@@ -23,6 +24,7 @@ from hoopd.diagnose.record_file import to_json_bytes
 from hoopd.diagnose.report.plain_words import summary
 from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
 from hoopd.diagnose.search.candidates import Settings
+from hoopd.files.memory import memory_bytes
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
@@ -53,8 +55,12 @@ def run(
     inputs: list[Path | str] = [*texts, *held_texts]
     inputs += [one for one in (options.model, options.effects) if one is not None]
     base = judged_model(options.plant, options.model)
-    check_targets(inputs, {"--json": options.json_path, "--report": options.report, "--write": options.write})
-    outcome = outcome_of(texts, held_texts, base, options, progress=progress)
+    check_targets(
+        inputs,
+        {"--json": options.json_path, "--report": options.report, "--write": options.write, "--memory": options.memory},
+    )
+    memory = memory_of(options, texts, base)
+    outcome = outcome_of(texts, held_texts, base, options, memory=memory, progress=progress)
     said = doubts(outcome) if options.write is not None else []
     write = options.write if not said or options.yes or may_write(said) else None
     progress("drawing and writing")
@@ -79,6 +85,7 @@ def outcome_of(
     base: PlantModel,
     options: DiagnoseOptions | None = None,
     *,
+    memory: DiagnosisMemory | None = None,
     progress: Progress = lambda text: None,
 ) -> Outcome:
     """The diagnosis with the curves and fits behind it; nothing is written, and of `options` only what is searched
@@ -92,7 +99,7 @@ def outcome_of(
     }
     base = replace(base, plant=with_recorded_sizes(base.plant, [every[text] for text in texts]))
     train, held = ([source_of(text, every[text], base.plant) for text in part] for part in (texts, held_texts))
-    return searched(train, held, base, options, progress=progress)
+    return searched(train, held, base, options, memory=memory, progress=progress)
 
 
 def searched(
@@ -101,18 +108,23 @@ def searched(
     base: PlantModel,
     options: DiagnoseOptions,
     *,
+    memory: DiagnosisMemory | None = None,
     progress: Progress = lambda text: None,
 ) -> Outcome:
     """The same from recordings that were read, whatever the options call them."""
     refuse_shared([(one.name, one.recording) for one in train], [(one.name, one.recording) for one in held])
     check_motion(train, held, base.file.structure if isinstance(base.file, ModelFile) else "")
     without = [name for text in options.without for name in text.split(",")]
-    whole = () if held else tuple(train)
+    whole = [] if held else [*train]
     train, held, how = _parts(train, held, base.plant)
     known = _library([*train, *held], options.effects, without, [entry.name for entry in base.effects])
     named = [known[entry.name] for entry in base.effects if entry.name in known]
     own = [effect.holding(base.values) for effect in named if effect.is_simulated]
-    return diagnose(
+    if memory is not None:
+        progress("what is remembered")
+        memory = memory.asked(train, base, own, options.forgetting)
+        train, held, whole = memory.told(train, held, whole)
+    outcome = diagnose(
         Case(
             model=base.name,
             values=base.values,
@@ -129,7 +141,16 @@ def searched(
             settings=Settings(progress=progress, grammar=options.grammar),
             without=without,
             jobs=options.jobs,
+            odds={} if memory is None else memory.counted.odds,
         )
+    )
+    return outcome if memory is None else _remembering(outcome, memory)
+
+
+def _remembering(outcome: Outcome, memory: DiagnosisMemory) -> Outcome:
+    """The diagnosis with what it owes to its memory, which is written beside the other files."""
+    return replace(
+        outcome, diagnosis=memory.use(outcome.diagnosis), memory=memory_bytes(memory.learned(outcome.diagnosis))
     )
 
 
@@ -180,6 +201,8 @@ def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said:
     if options.json_path is not None:
         told = msgspec.structs.replace(diagnosis, summary=summary(diagnosis))
         files.append((options.json_path, to_json_bytes(told)))
+    if options.memory is not None:
+        files.append((options.memory, outcome.memory))
     for path, data in files:
         replace_file(path, data)
     return diagnosis

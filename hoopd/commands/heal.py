@@ -301,7 +301,7 @@ class _FollowedDaemon:
 
         return HealWorker(
             folder=self._folder, recording=self._recording, lay_in=self._controllers.lay_in, by=plan.by,
-            jobs=self._options.jobs, grammar=self._options.grammar, prefix=background(),
+            jobs=self._options.jobs, grammar=self._options.grammar, memory=self._options.memory, prefix=background(),
         )  # fmt: skip
 
     def _recording(self) -> Path:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,7 @@ class HealWorker:
     seed: int = 0
     jobs: int = 1
     grammar: bool = False
+    memory: Path | None = None
     prefix: Sequence[str] = ()
 
     def work(self, work: HealWork) -> dict[str, Any]:
@@ -63,6 +65,7 @@ class HealWorker:
         self._cut(work, evidence)
         if not told.exists():
             words: list[str | Path] = ["diagnose", evidence, "--model", before / "model.yaml", "--seed", str(self.seed)]
+            words += [] if self.memory is None else ["--memory", self.memory, "--date", _day(version.begun)]
             words += ["--no-free-run", "--grammar" if self.grammar else "--library-only"]
             words += ["--jobs", str(self.jobs), "--report", place / "report.html", "--write", model]
             code = run_step([*words, "--json", told], place / "diagnosis.log", (0, UNUSABLE), prefix=self.prefix)
@@ -145,6 +148,11 @@ class HealWorker:
             return
         span = ("--from", f"{work.from_s:.3f}", "--to", f"{work.to_s:.3f}")
         run_step(["convert", self.recording(), path, *span], path.with_suffix(".log"), prefix=self.prefix)
+
+
+def _day(begun: float) -> str:
+    """Of a time in s since 1970."""
+    return datetime.fromtimestamp(begun, UTC).date().isoformat()
 
 
 def _as_good(earlier: dict[int, FilterEvidence], gain: FilterEvidence) -> int | None:

@@ -99,6 +99,7 @@ class Steps:
         self.progress(f"run {number}: diagnosing {len(recordings)} recording{'s' if len(recordings) > 1 else ''}")
         words: list[str | Path] = ["diagnose", *recordings, "--yes", "--seed", str(self.options.seed)]
         words += [] if self.options.plant is None else ["--plant", self.options.plant]
+        words += [] if self.options.memory is None else ["--memory", self.options.memory]
         words += ["--jobs", str(self.options.jobs), "--report", files.report, "--write", files.model]
         self.command([*words, "--json", files.diagnosis], files.folder / "diagnosis.log")
 

@@ -297,6 +297,18 @@ class Visible(_Part, frozen=True):
     largest: Number = None
 
 
+class UsedMemory(_Part, frozen=True):
+    """The memory that was the prior: its hash (empty: a new one), means and deviations of the parameters that counted,
+    nats by which names were likelier, what was left out because these recordings contradict it, and in words why."""
+
+    sha256: str
+    parameters: dict[str, list[float]]
+    odds_nats: dict[str, float]
+    left_out: list[str]
+    recordings_again: int  # entries that were of recordings which are given again: they did not count
+    contradictions: list[str]
+
+
 class Diagnosis(_Part, frozen=True):
     """`hoopd.diagnosis/1`."""
 
@@ -315,4 +327,5 @@ class Diagnosis(_Part, frozen=True):
     power: dict[str, Visible] = {}
     remains: Remains | None = None
     notes: list[str] = []
+    memory: UsedMemory | None = None
     summary: str = ""  # in plain words; a file that is written has it

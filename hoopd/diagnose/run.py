@@ -98,6 +98,7 @@ class Case:
     held_out_how: str = ""
     without: Collection[str] = ()  # names that are not looked for
     jobs: int = 1  # processes that share the work; the numbers are the same with any
+    odds: Mapping[str, float] = field(default_factory=dict)  # nats by which names are likelier beforehand
     progress: Progress = lambda text: None
     settings: Settings = field(default_factory=Settings)
 
@@ -112,6 +113,7 @@ class Outcome:
     heldout: Mapping[str, Played]
     unknown: Unknown | None = None
     progress: Progress = lambda text: None
+    memory: bytes = b""  # with this diagnosis in it, where there is one
 
     @cached_property
     def written(self) -> Written:
@@ -183,7 +185,7 @@ def _diagnosed(case: Case) -> Outcome:
     threshold, apart = case.settings.threshold, separations(named, library)
     faults = camera_faults([one.quality for one in case.train], threshold)
     known = {name: library[name] for name in case.library}
-    stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold))
+    stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds))
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     if unknown is not None:

@@ -156,6 +156,13 @@ def test_what_cannot_be_begun_is_one_line(words: list[str], line: str, tmp_path:
     assert not (tmp_path / "campaign").exists()
 
 
+def test_what_is_known_of_the_device_goes_into_every_diagnosis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch, said(0.6), said(0.92))
+    command.run(options(tmp_path, memory=tmp_path / "known.json"))
+    diagnoses = [words for words in steps.words if words[0] == "diagnose"]
+    assert [words[words.index("--memory") + 1] for words in diagnoses] == [str(tmp_path / "known.json")] * 2
+
+
 def test_times_have_units() -> None:
     assert [seconds_of(text) for text in ("10min", "90s", "1.5h", "600")] == [600.0, 90.0, 5400.0, 600.0]
 

@@ -43,10 +43,11 @@ from hoopd.files.model import EffectEntry, Parameter, model_text  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402
 from hoopd.heal.cost_promise import figure, summed  # noqa: E402
 from hoopd.heal.healing import HealPlan  # noqa: E402
-from hoopd.plants.model_file import load_model  # noqa: E402
+from hoopd.plants.effects.vocabulary import known_effects  # noqa: E402
+from hoopd.plants.model_file import effects_plant, load_model  # noqa: E402
 from hoopd.sim import truth  # noqa: E402
 
-CHANGE_S, DURATION_S, JUDGED_S, STEP_S = 60.0, 360.0, 60.0, 3.0
+CHANGE_S, DURATION_S, JUDGED_S, STEP_S = 60.0, 330.0, 60.0, 3.0
 RECOVERED, WORSE = 1.2, 1.05
 POLICY = HealPolicy(schema="hoopd.policy/1", effects=["*.*"], parameter_change=10.0, pause_s=0.0, most_per_day=1000)
 console = Console()
@@ -99,7 +100,9 @@ def designed_on_truth(kind: Kind, sizes: dict[str, float], folder: Path) -> Path
     """The controller of somebody who knows what was hidden."""
     place = controllers_of(folder)
     model = load_model(place / "models" / "hoop.yaml")
-    parameters = {key: Parameter(value=value, unit="") for key, value in sizes.items()}
+    declared = known_effects(effects_plant(model), [kind.effect])[kind.effect]
+    units = {one.name: one.unit for one in declared.parameters}
+    parameters = {key: Parameter(value=value, unit=units[key]) for key, value in sizes.items()}
     entry = EffectEntry(name=kind.effect, parameters=parameters)
     told = {name: getattr(model, name) for name in model.__struct_fields__} | {"effects": [entry]}
     (folder / "truth.yaml").write_text(model_text(model.__class__(**told)))

@@ -49,6 +49,27 @@ class DiagnoseOptions:
         default=False,
         python=False,
     )
+    memory: Path | None = option(
+        "--memory",
+        text="What is known of this device (hoopd.memory/1): the prior, and this diagnosis is added to it.",
+        metavar="FILE",
+        python=False,
+    )
+    date: str = option(
+        "--date",
+        text="Day of the recordings, where they do not tell it.",
+        metavar="YYYY-MM-DD",
+        default="",
+        python=False,
+    )
+    forgetting: float = option(
+        "--forgetting",
+        min=0.0,
+        max=1.0,
+        text="Share of its size by which a remembered parameter gets unsure in a day, as a walk.",
+        default=0.02,
+        python=False,
+    )
     seed: int = option("--seed", min=0, text="Seed of everything random in the search.", default=0)
     free_run: bool = option(
         "--free-run/--no-free-run", text="Also refine and compare one run over whole recordings.", default=True

@@ -29,6 +29,12 @@ class HealOptions:
     policy: Path | None = option(
         "--policy", text="watch: what may be learned without a person (hoopd.policy/1).", metavar="FILE"
     )
+    memory: Path | None = option(
+        "--memory",
+        text="watch: what is known of this device (hoopd.memory/1): the prior of each diagnosis, which is added.",
+        metavar="FILE",
+        python=False,
+    )
     connect: str | None = option(
         "--connect",
         text="watch: endpoint of the daemon's telemetry; without it the configuration's.",

@@ -60,6 +60,12 @@ class LearnOptions:
         metavar="FOLDER",
         python="folder",
     )
+    memory: Path | None = option(
+        "--memory",
+        text="What is known of this device (hoopd.memory/1): the prior of each diagnosis; what is learned is added.",
+        metavar="FILE",
+        python=False,
+    )
     jobs: int = option("--jobs", min=1, max=64, text="Processes that share a diagnosis.", default=1)
     yes: bool = option(
         "--yes", text="Ask nothing before a run; an operator still arms the device.", default=False, python=False

@@ -62,6 +62,11 @@ class Asked:
     beside: Survey | None  # of curves, beside the final fit
     unknown: Unknown | None
     threshold: float
+    odds: Mapping[str, float] = field(default_factory=dict)  # nats by which names are likelier beforehand
+
+    def believed(self, options: Sequence[Option]) -> list[Option]:
+        """With what was believed beforehand."""
+        return [one._replace(worth=one.worth + self.odds.get(one.name, 0.0)) for one in options]
 
 
 def standings(asked: Asked) -> Standings:
@@ -79,13 +84,13 @@ def standings(asked: Asked) -> Standings:
         place = EffectTakenOut(named, one, asked.library, asked.mechanisms)
         left = _left_of(named.losses[one.effect.name], rest, unknown)
         curves = asked.base if len(named.accepted) == 1 else None
-        found = likely(place.options(asked.threshold, curves), left, UNLISTED)
+        found = likely(asked.believed(place.options(asked.threshold, curves)), left, UNLISTED)
         near = place.nearest() if one.effect.name not in asked.library else None
         caveat = _caveat(one.effect.name, share, rest, len(named.accepted)) if rest is not None and rest.fires else ""
         findings[one.effect.name] = Standing(found.named, near, share, caveat)
         likelies.append(found)
     if not likelies:
-        likelies.append(likely(_unnamed(asked, screen), _left(None, unknown)))
+        likelies.append(likely(asked.believed(_unnamed(asked, screen)), _left(None, unknown)))
     if unknown is not None:
         none = 1.0 - _product([1.0 - one.none for one in likelies])
         near = nearest(_library_beside(unknown.beside, asked), unknown.score.vector)
