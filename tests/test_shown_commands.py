@@ -38,7 +38,8 @@ def test_what_is_named_within_a_sentence_exists() -> None:
         words = [word.partition("=")[0] for word in usage(row.words[1:]) if word not in GLOBAL]
         name = words[0] if words and not words[0].startswith("-") else ""
         command = PROGRAM.commands.get(name) if name else PROGRAM
-        known = {option for parameter in command.params for option in parameter.opts} if command else set()
+        options = (option for one in command.params for option in (*one.opts, *one.secondary_opts)) if command else ()
+        known = set(options)
         wrong += [row.text for word in words if not command or (word.startswith("--") and word not in known)]
     assert wrong == []
 
