@@ -75,7 +75,7 @@ def work(page: Page) -> None:
     page.ask("document.querySelector('#job-form [name=model]').value = 'models/hoop.yaml'")
     page.click("#job-form .primary")
     page.wait_for("document.querySelector('#jobs li').dataset.state === 'done'", JOB_S)
-    page.click("#jobs .row:last-child button")
+    page.click("#jobs .row button")
     time.sleep(HOLD_S)
     page.ask("window.scrollTo(0, 0)")
 

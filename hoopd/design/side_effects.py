@@ -43,6 +43,10 @@ def side_effects(result: Mapping[str, Any]) -> list[str]:
 
 def _sentence(key: str, one: Mapping[str, Any]) -> str:
     (name, unit), (low, high) = FIGURES[key], one["interval_percent"]
-    interval = f"+{low:.3g} to +{high:.3g} %" if high is not None else f"at least +{low:.3g} %"
+    interval = f"{_percent(low)} to {_percent(high)} %" if high is not None else f"at least {_percent(low)} %"
     values = f"{one['candidate']:.3g} {unit} instead of {one['accepted']:.3g}"
-    return f"{name} rose: {values} (+{one['change_percent']:.3g} %, {interval})."
+    return f"{name} rose: {values} ({_percent(one['change_percent'])} %, {interval})."
+
+
+def _percent(value: float) -> str:
+    return f"+{value:.3g}" if value < 1000.0 else f"+{value:.0f}"

@@ -5,9 +5,11 @@ trial of the very same law ever go back?
 
 Each row is a run of the whole daemon in lock-step, in which a controller takes over every eight seconds while the
 reference moves (or rests). `hand-over` loads controllers on a model whose inertia or friction is off by so much;
-`trial` puts the law that acts on trial and accepts it after four. `step` is the largest change of the torque
-from one tick to the next in the ticks of changes, `usual` the largest of all others. Exit code 1 when a right model
-is refused, a trial of the same law goes back, or a change is a larger step than any other tick.
+rows with `Fc` are of a rig with dry friction of 6 mN m, on models that have that of the rig, another one or none, each
+with the normal innovations that its design tells; `trial` puts the law that acts on trial and accepts it after four.
+`step` is the largest change of the torque from one tick to the next in the ticks of changes, `usual` the largest of all
+others. Exit code 1 when a right model is refused, a trial of the same law goes back, or a change is a
+larger step than any other tick.
 """
 
 from __future__ import annotations
@@ -22,12 +24,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import yaml
+
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
 from harness.runs import Run, run  # noqa: E402
 
+from hoopd.core.estimator import EkfSettings  # noqa: E402
+from hoopd.design.innovation_levels import innovation_levels  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402
+from hoopd.plants.hoop.loop.writeback import filter_plant  # noqa: E402
+from hoopd.plants.model_file import effects_of, load_model  # noqa: E402
 
 # The accepted law has to act for three seconds before a trial, and a supervisor may be silent for five.
 EVERY_S, FIRST_S, TRIAL_S = 8.0, 5.0, 4.0
@@ -43,6 +51,12 @@ MODELS = {
     "inertia +30 %": (INERTIA, "1.97e-3"),
     "friction +50 %": (FRICTION, "10.5e-4"),
 }
+# Dry friction of the rig, and what a model says of it; a model without it has the shipped levels.
+DRY_NM = 0.006
+DRY = {"Fc right": 1.0, "Fc none": 0.0, "Fc x 0.5": 0.5, "Fc x 1.5": 1.5, "Fc x 2": 2.0}
+DRY_MODELS = {**dict.fromkeys(DRY, (INERTIA, INERTIA)), "Fc, inertia +30 %": MODELS["inertia +30 %"]}
+DRY_EFFECT = {"name": "hoop.coulomb_friction", "parameters": {"Fc": DRY_NM}}
+PICTURE_AGE_S, TICK_S = 0.05, 0.02
 
 
 class Row(NamedTuple):
@@ -56,15 +70,34 @@ class Row(NamedTuple):
 
 def controllers(folder: Path, row: Row) -> list[str]:
     """Keys of two controllers that differ in a word of their model's file alone, so that each has its own filter."""
-    keys = []
+    keys, levels = [], dict[str, Any]()
     for name in ("one", "other"):
-        model = (defaults_folder() / "models" / "hoop.yaml").read_text().replace(*MODELS[row.model])
-        (folder / f"model_{name}.yaml").write_text(f"{model}# {name}\n" if row.what == "hand-over" else model)
+        path, model = folder / f"model_{name}.yaml", model_text(row.model)
+        path.write_text(f"{model}# {name}\n" if row.what == "hand-over" else model)
         law = (defaults_folder() / "controllers" / f"{row.law}.yaml").read_text()
-        text = law.replace("models/hoop.yaml", f"model_{name}.yaml") if row.what == "hand-over" else f"{law}# {name}\n"
+        text = law.replace("models/hoop.yaml", path.name) if row.what == "hand-over" else f"{law}# {name}\n"
+        if row.model in DRY_MODELS:
+            levels = levels or normal_innovations(path)
+            content = yaml.safe_load(text)
+            content["estimator"]["innovations"] = levels
+            text = yaml.safe_dump(content)
         (folder / f"{name}.yaml").write_text(text)
         keys.append(f"{name}.yaml@{hashlib.sha256(text.encode()).hexdigest()}")
     return keys
+
+
+def model_text(name: str) -> str:
+    """The shipped model with another number, or with dry friction."""
+    text = (defaults_folder() / "models" / "hoop.yaml").read_text().replace(*{**MODELS, **DRY_MODELS}[name])
+    friction_nm = DRY_NM * DRY.get(name, 1.0) if name in DRY_MODELS else 0.0
+    entry = f"{{name: hoop.coulomb_friction, parameters: {{Fc: {{value: {friction_nm}, unit: N m}}}}}}"
+    return text.replace("effects: []", f"effects: [{entry}]") if friction_nm else text
+
+
+def normal_innovations(path: Path) -> dict[str, Any]:
+    """As `hoopd design` tells them of a model."""
+    plant = filter_plant(effects_of(load_model(path)))
+    return dict(innovation_levels(plant, EkfSettings(), PICTURE_AGE_S, TICK_S))
 
 
 def script(row: Row, keys: list[str], changes: int) -> Iterator[dict[str, Any]]:
@@ -97,7 +130,9 @@ def tried(row: Row, seed: int, changes: int) -> dict[str, Any]:
         commands = list(script(row, controllers(folder / "controllers", row), changes))
         control = {"file": f"controllers/{row.law}.yaml", "folder": str(folder / "controllers")}
         duration_s = FIRST_S + EVERY_S * changes
-        done = run(folder / "run", config={"control": control}, commands=commands, duration_s=duration_s, seed=seed)
+        rig: dict[str, Any] = {"effects": [DRY_EFFECT]} if row.model in DRY_MODELS else {}
+        config = {"control": control}
+        done = run(folder / "run", config=config, commands=commands, duration_s=duration_s, seed=seed, **rig)
     count = {name: sum(event.event == name for event in done.events) for name in ("controller", "trial_returned")}
     reasons = [event.fields["reason"] for event in done.events if event.event == "command_refused"]
     step, usual = steps_of(done)
@@ -116,6 +151,8 @@ def rows() -> Iterator[Row]:
         for model in MODELS:
             yield Row("hand-over", model, law, moves)
         yield Row("trial", "right", law, moves)
+    for moves, model in itertools.product(MOVES, DRY_MODELS):
+        yield Row("hand-over", model, "lqg", moves)
 
 
 def main() -> int:
@@ -126,17 +163,17 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     table, wrong = [], 0
-    print(f"{'what':10} {'model':15} {'law':4} {'moves':6}  taken refused went back   step  usual N m")
+    print(f"{'what':10} {'model':17} {'law':4} {'moves':6}  taken refused went back   step  usual N m")
     for row in rows():
         found = [tried(row, seed, options.changes) for seed in range(options.seeds)]
         figures = {name: sum(one[name] for one in found) for name in ("taken", "refused", "went back")}
         figures |= {name: max(one[name] for one in found) for name in ("step", "usual")}
-        right = row.model == "right"
+        right = row.model in ("right", "Fc right")
         wrong += right and (figures["refused"] > 0 or figures["went back"] > 0 or figures["step"] > figures["usual"])
         table.append({**row._asdict(), **figures})
         counts = f"{figures['taken']:6} {figures['refused']:7} {figures['went back']:9}"
         steps = f"{figures['step']:.3f}  {figures['usual']:.3f}"
-        print(f"{row.what:10} {row.model:15} {row.law:4} {row.moves:6} {counts}  {steps}")
+        print(f"{row.what:10} {row.model:17} {row.law:4} {row.moves:6} {counts}  {steps}")
     if options.json:
         options.json.write_text(json.dumps(table, indent=2))
     return int(wrong > 0)

@@ -24,10 +24,10 @@ export function reasons(device) {
 
 const told = ({ name, meaning, clears }) => `${name}${meaning ? ` (${meaning}${clears ? `; clears: ${clears}` : ''})` : ` (${clears})`}`;
 
-/** What a refused click says: the mode, and the faults behind it. */
+/** What a hint says, as a daemon's refusal does: the mode, and the names of the faults behind it; the line above has the rest. */
 export function modeWords(device) {
-  const behind = reasons(device);
-  return `the mode is ${modeOf(device) || 'unknown'}${behind.length ? `: ${behind.map(told).join(', ')}` : ''}`;
+  const behind = reasons(device).map(({ name }) => name).join(', ');
+  return `the mode is ${modeOf(device) || 'unknown'}${behind ? ` (${behind})` : ''}`;
 }
 
 /** What the mode means, or why it is another one than somebody wants. */
