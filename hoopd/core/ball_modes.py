@@ -48,8 +48,9 @@ class BallMode:
 
     step: Step
     passages: tuple[Passage, ...]
-    # x -> (rows, 1 + states): a value that is above zero in this mode, and its derivative by x; one such row is enough
-    signs: Callable[[Vector], Vector]
+    # each x -> (rows, 1 + states): a value that is above zero in this mode, and its derivative by x; of each, one such
+    # row is enough
+    signs: tuple[Callable[[Vector], Vector], ...]
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class BallModes:
     """All of them."""
 
     modes: Mapping[str, BallMode]
-    track_m: float  # radius of the path of the rolling ball's centre
+    tracks_m: Mapping[str, float]  # by mode: radius of the path of the rolling ball's centre
     take_off: Jump  # from rolling, wherever it is
     landing: Jump  # from the air to rolling, wherever it is
 
@@ -92,8 +93,8 @@ def jumped(jump: Jump, now: BallState, torque_nm: float, target: str) -> BallSta
 
 
 def probability(mode: BallMode, x: Vector, p: Vector) -> float:
-    """How sure the mode is: Phi(value / deviation) of what says most."""
-    return max(_above_zero(row[0], float(row[1:] @ p @ row[1:])) for row in mode.signs(x))
+    """How sure the mode is: Phi(value / deviation) of what says most, and of several signs the least."""
+    return min(max(_above_zero(row[0], float(row[1:] @ p @ row[1:])) for row in sign(x)) for sign in mode.signs)
 
 
 def _above_zero(value: float, variance: float) -> float:

@@ -231,7 +231,7 @@ class DelayedEkf:
             return False, nan, nan  # lost: `update` says so
         psi = camera.psi + tau * round((predicted - camera.psi) / tau)  # the turn nearest to the estimate at that time
         innovation = psi - predicted
-        nis = innovation * innovation / (float(node.p[2, 2]) + self.settings.r_psi)
+        nis = innovation * innovation / (float(node.p[2, 2]) + self._r_psi(node))
         surprising = nis > self.settings.gate_nis
         lost = not self._ball_seen or abs(float(node.x[3])) > IMPOSSIBLE_RAD_S
         node.start_ball = lost or (surprising and self._insists(camera))
@@ -284,9 +284,13 @@ class DelayedEkf:
     def _absorb_ball(self, node: _Node) -> None:
         s = self.settings
         if node.start_ball:
-            self._start(node, 2, (node.psi, 0.0), (s.r_psi, s.start_dpsi))
+            self._start(node, 2, (node.psi, 0.0), (self._r_psi(node), s.start_dpsi))
         elif node.psi == node.psi:
-            self._measure(node, 2, node.psi, s.r_psi)
+            self._measure(node, 2, node.psi, self._r_psi(node))
+
+    def _r_psi(self, node: _Node) -> float:
+        """Variance of the camera's angle, rad^2."""
+        return self.settings.r_psi
 
     @staticmethod
     def _start(node: _Node, first: int, values: tuple[float, float], variances: tuple[float, float]) -> None:

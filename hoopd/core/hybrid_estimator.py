@@ -1,6 +1,7 @@
 """The filter of a ball that may leave the hoop: `DelayedEkf` whose nodes have a mode each.
 
     rolling  (theta, dtheta, psi, dpsi)
+    inner    the same, on an inner hoop
     air      (theta, dtheta, psi, dpsi, spin, dspin, distance, ddistance): psi is the direction from the axis
 
 A node's mode follows from the node before by the guards of the model; a late picture makes take-off and landing run
@@ -20,7 +21,7 @@ from hoopd.core.ball_modes import BallModes, BallState, carried, jumped, probabi
 from hoopd.core.estimator import LONGEST_STEP_S, ROLLING, DelayedEkf, EkfSettings, Step, _Node
 from hoopd.core.records import BallPlace, CameraSample, DriverSample, Estimate, Vector
 
-AIR = "air"
+AIR, INNER = "air", "inner"
 DIRECTION, DISTANCE = 2, 6
 # Off its track by so much of its radius a ball does not roll: 7 mm, five times what a bounce on rubber lifts it.
 OFF_TRACK = 0.08
@@ -40,7 +41,8 @@ class HybridEkf(DelayedEkf):
     def __init__(self, step: Step, modes: BallModes, settings: EkfSettings | None = None) -> None:
         self.modes = modes
         super().__init__(step, settings)
-        q, square = self.settings.q, modes.track_m**2
+        q, self._track_m = self.settings.q, modes.tracks_m[ROLLING]
+        square = self._track_m**2
         self._q_air = np.array([*q, 0.0, 0.0, q[2] * square, q[3] * square])
 
     def reset(self) -> None:
@@ -80,13 +82,13 @@ class HybridEkf(DelayedEkf):
         if not (self._may_fly and self._usable(camera.t, camera.direction, camera.distance)):
             return super()._fuse_camera(camera)
         node = self._insert(camera.t)
-        flies, off = node.mode == AIR, camera.distance < 1.0 - OFF_TRACK
+        flies, off = node.mode == AIR, self._off_track(node.mode, camera.distance)
         if not flies and not off:
             self._nodes.remove(node)
-            return super()._fuse_camera(camera)
+            return super()._fuse_camera(camera._replace(psi=camera.direction))
         predicted = float(node.x[DIRECTION])
         node.psi = camera.direction + tau * round((predicted - camera.direction) / tau)
-        node.distance = camera.distance * self.modes.track_m
+        node.distance = camera.distance * self._track_m
         innovation, nis = node.psi - predicted, nan
         if flies:
             nis = self._judged(node)
@@ -100,6 +102,11 @@ class HybridEkf(DelayedEkf):
         self._rerun(node)
         return True, innovation, nis
 
+    def _off_track(self, mode: str, distance: float) -> bool:
+        """Whether a ball that is seen there is not on the mode's track; of a flight, on the hoop's."""
+        track = self.modes.tracks_m[ROLLING if mode == AIR else mode] / self._track_m
+        return distance < track - OFF_TRACK or (mode == INNER and distance > track + OFF_TRACK)
+
     def _judged(self, node: _Node) -> float:
         """NIS of place, direction and distance together; the distance's own surprise is kept."""
         rows = [DIRECTION, DISTANCE]
@@ -112,8 +119,14 @@ class HybridEkf(DelayedEkf):
 
     def _noise(self, node: _Node) -> tuple[float, float]:
         """Variances of direction (rad^2) and distance (m^2): a camera's noise is one of places."""
-        r, track = self.settings.r_psi, self.modes.track_m
+        r, track = self.settings.r_psi, self._track_m
         return r * (track / max(float(node.x[DISTANCE]), NEAREST * track)) ** 2, r * track**2
+
+    def _r_psi(self, node: _Node) -> float:
+        """Variance of the camera's angle on the node's track."""
+        if node.mode != INNER:
+            return super()._r_psi(node)
+        return super()._r_psi(node) * (self._track_m / self.modes.tracks_m[INNER]) ** 2
 
     # ------------------------------------------------------------------------------------------ filter
 
@@ -123,9 +136,9 @@ class HybridEkf(DelayedEkf):
             return super()._predict(node, t)
         now, h = BallState(node.x, node.p, node.mode), t - node.t
         if not node.free:
-            x, p, _ = jumped(self.modes.landing, now, node.u, ROLLING)
+            x, p, _ = jumped(self.modes.landing, now, node.u, ROLLING) if node.mode == AIR else now
             return super()._predict(_Node(node.t, node.u, node.q, x, p), t)
-        densities = {ROLLING: node.q, AIR: self._q_air}
+        densities = {ROLLING: node.q, INNER: node.q, AIR: self._q_air}
         while h > 0.0:
             now = carried(self.modes, now, node.u, densities, min(h, LONGEST_STEP_S))
             h -= LONGEST_STEP_S
@@ -135,7 +148,7 @@ class HybridEkf(DelayedEkf):
         """Place in the air, angle on the hoop."""
         if node.start_air:
             self._start_air(node)
-        elif node.mode == ROLLING:
+        elif node.mode != AIR:
             super()._absorb_ball(node)
         elif node.start_ball:
             node.x, node.p, node.mode = jumped(
@@ -151,7 +164,7 @@ class HybridEkf(DelayedEkf):
     def _start_air(self, node: _Node) -> None:
         """A flight of which only the place is known."""
         now = BallState(node.x, node.p, node.mode)
-        if node.mode == ROLLING:
+        if node.mode != AIR:
             now = jumped(self.modes.take_off, now, node.u, AIR)
         node.x, node.p, node.mode = now
         direction, distance = self._noise(node)
@@ -165,6 +178,6 @@ class HybridEkf(DelayedEkf):
             return super()._at(t)
         x, p, mode = self._predict(node, t)
         if self._may_fly and all(map(isfinite, x.tolist())):
-            distance = float(x[DISTANCE]) / self.modes.track_m if mode == AIR else 1.0
+            distance = (float(x[DISTANCE]) if mode == AIR else self.modes.tracks_m[mode]) / self._track_m
             self._place = BallPlace(mode, probability(self.modes.modes[mode], x, p), distance, self._surprise)
         return np.array(x[:4])

@@ -88,7 +88,7 @@ class Inputs(NamedTuple):
 class BallPlace(NamedTuple):
     """Of a ball that may leave the hoop: what it is believed to do, and where it is."""
 
-    mode: str  # rolling | air
+    mode: str  # rolling | air | inner
     probability: float  # of that mode, 0..1
     distance: float  # of its centre from the axis, in shares of its track's radius
     surprise: float = nan  # innovation of the distance over what is expected of it, NaN without one

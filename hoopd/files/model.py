@@ -15,6 +15,12 @@ from hoopd.files.records import Strict
 from hoopd.files.yaml_text import text_of
 
 
+class InnerHoop(Strict, frozen=True):
+    """A hoop, or the U-shape of one, on whose outside the ball may roll."""
+
+    radius_m: float  # Ri: axis to the contact circle
+
+
 class DeviceConstants(Strict, frozen=True):
     """What is weighed and measured on the device, and the limits of its drive and encoder."""
 
@@ -24,6 +30,7 @@ class DeviceConstants(Strict, frozen=True):
     gravity_m_s2: float = 9.81
     torque_limit_nm: float = TORQUE_LIMIT_NM
     encoder_counts: int = 4096
+    inner: InnerHoop | None = None  # a second hoop within, which turns with it
 
     def values(self) -> dict[str, float]:
         """By the names of the equations."""

@@ -16,6 +16,7 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.found_effects import EffectError, FoundEffect, FoundEffects, check_region, checked, weak_end
 from hoopd.plants.hoop.declaration import hoop_plant
+from hoopd.plants.hoop.effects.inner_hoop import INNER_HOOP
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS, ParameterError, check_parameters
 from hoopd.plants.hoop.plant import HoopPlant
 
@@ -60,6 +61,12 @@ def parse_model(text: str, path: object) -> ModelFile:
         between(path, f"device.{name}", getattr(model.device, name), SMALLEST, size)
     if not values["Ro"] - values["Rb"] > LEAST_TRACK * values["Ro"]:
         raise InputError(path, "device.ball_radius_m", f"Rb = {values['Rb']:g} m fills the hoop of {values['Ro']:g} m")
+    if model.device.inner is not None:
+        # the ball has to find room between both
+        most = values["Ro"] - 2.0 * values["Rb"]
+        between(path, "device.inner.radius_m", model.device.inner.radius_m, SMALLEST, most)
+        if any(one.name == INNER_HOOP for one in model.effects):
+            raise InputError(path, "device.inner", f"stands beside the effect {INNER_HOOP}")
     between(path, "device.torque_limit_nm", model.device.torque_limit_nm, 0.0, 100.0)
     between(path, "device.encoder_counts", model.device.encoder_counts, 0, 2**26)
     between(path, "sample_time_s", model.sample_time_s, 0.0, 1.0)
@@ -102,6 +109,9 @@ def effects_of(model: ModelFile) -> FoundEffects:
     """The effects of a model file with their numbers, and what is sure of them."""
     known = known_effects(effects_plant(model), [one.name for one in model.effects])
     entries = tuple(_found(known[entry.name], entry) for entry in model.effects)
+    inner = model.device.inner
+    if inner is not None:
+        entries += (FoundEffect(INNER_HOOP, {"radius": inner.radius_m}),)
     return FoundEffects(model.structure, model.values(), entries, model.device.torque_limit_nm)
 
 

@@ -46,7 +46,7 @@ TICK: Table = {
         "", "of the ball from the axis at psi_t, in shares of its track's radius; missing when no new ball was seen"
     ),
     "ball_mode": FieldDescription(
-        "", "while a ball may leave the hoop what it does, as estimated at t: rolling or air; else empty"
+        "", "while a ball may leave the hoop what it does, as estimated at t: rolling, air or inner; else empty"
     ),
     "mode_probability": FieldDescription("", "of ball_mode, 0 to 1; else missing"),
     "distance_hat": FieldDescription("", "estimate of the distance at t, while a ball may leave the hoop"),

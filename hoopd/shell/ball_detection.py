@@ -32,6 +32,7 @@ class Analyser:
         self._to_angle = _pixel_to_angle(vision)
         self._track = track_radius(vision, self._to_angle)
         self._band = vision.band_px / vision.circle_px.radius
+        self._inner = vision.inner_px / vision.circle_px.radius
 
     def reset(self) -> None:
         """Forget where the ball was: the camera started again."""
@@ -50,7 +51,8 @@ class Analyser:
         if found is None:
             return CameraSample(frame, t, t_arrival, nan, 0.0, nan, nan, corners)
         direction, distance = self._to_angle(found.x_px, found.y_px), self._distance(found.x_px, found.y_px)
-        if distance < 1.0 - self._band:  # its place is known, but it is no ball on the hoop
+        on_inner = self._inner > 0.0 and abs(distance - self._inner) < self._band
+        if distance < 1.0 - self._band and not on_inner:  # its place is known, but it is no ball on a hoop
             return CameraSample(frame, t, t_arrival, nan, 0.0, found.x_px, found.y_px, corners, direction, distance)
         return CameraSample(
             frame, t, t_arrival, direction, found.confidence, found.x_px, found.y_px, corners, direction, distance
@@ -85,7 +87,7 @@ def detector_settings(vision: Vision, minimum_confidence: float) -> DetectorSett
             ring_centre_px=vision.circle_px.centre,
             ring_radius_px=vision.circle_px.radius,
             ring_half_width_px=vision.band_px,
-            inside=vision.flying,
+            inside=vision.flying or vision.inner_px > 0.0,
         )
         return replace(settings, min_confidence=minimum_confidence)
     except ValueError as error:

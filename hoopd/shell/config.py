@@ -98,6 +98,7 @@ class Vision(Strict, frozen=True):
     ball_radius_px: BallSize = 23.0
     band_px: BallSize = 20.0  # the ball's centre lies this near to the circle
     flying: bool = False  # a ball inside the circle is looked for, too: one that was thrown
+    inner_px: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # circle of the ball's centre on an inner hoop; 0: none
 
     def __post_init__(self) -> None:
         """Refuse weights that see nothing and a homography that is none."""

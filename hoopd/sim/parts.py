@@ -163,6 +163,7 @@ def make_watcher(config: Config, script: FaultScript, seed: int, *, direct: bool
         offset_rad=sim.angle_offset_rad,
         centre_px=config.vision.circle_px.centre,
         radius_px=config.vision.circle_px.radius,
+        inner=config.vision.inner_px / config.vision.circle_px.radius,
         disturbance=disturbance,
         frame_s=frame_s,
     )
@@ -182,6 +183,7 @@ def camera_config(config: Config, seed: int, *, ring: str, start: float) -> Came
             "centre": vision.circle_px.centre,
             "track_radius": vision.circle_px.radius,
             "ball_radius": vision.ball_radius_px,
+            "inner_radius": max(vision.inner_px - vision.ball_radius_px, 0.0),
             "exposure_s": camera.exposure_s,
             "seed": seed,
         },

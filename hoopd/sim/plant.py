@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hoopd.core.records import Vector
 from hoopd.plants.compiled import Call
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
-from hoopd.plants.hoop.effects.contact_modes import ContactCourse, ContactModes
+from hoopd.plants.hoop.effects.contact_modes import INNER, ROLLING, ContactCourse, ContactModes
 from hoopd.plants.numeric_plant import ADVANCE_STEPS, NumericPlant
 from hoopd.plants.plant_with_effects import Composite
 
@@ -73,31 +73,34 @@ class RigPlant:
         hold_s: float = 0.0,
         t: float = 0.0,
         later: Sequence[tuple[float, FoundEffects]] = (),
+        inner: bool = False,
     ) -> None:
         """`held`: hands hold ball and hoop at x0 until `hold_s` has passed and the drive gives its first torque;
-        `later`: what the physics is from a time on, in order."""
+        `later`: what the physics is from a time on, in order; `inner`: the ball begins on the inner hoop."""
         self._stages = [(-inf, _Physics(found)), *((since, _Physics(one)) for since, one in later)]
         self._remembers = any(any(one.late.values()) for _, one in self._stages)
         self._longest_s = max(max(one.late.values()) for _, one in self._stages)
         self._release_s = hold_s
-        self.restart(x0, held=held, t=t)
+        self.restart(x0, held=held, t=t, inner=inner)
         # made now, not in the first tick
         for _, one in self._stages:
             one.model.advance(one.composite.beginning(np.asarray(x0, float)), 0.0, 0.0, t)
 
-    def restart(self, x0: Vector, *, held: bool = False, t: float = 0.0) -> None:
+    def restart(self, x0: Vector, *, held: bool = False, t: float = 0.0, inner: bool = False) -> None:
         """Begin anew, at rest in everything but x0: as a plant that is made now."""
         self._t, self._stage = t, 0
-        self._become(x0)
+        self._become(x0, INNER if inner else ROLLING)
         self._held, self._release_t = held, t + self._release_s
         self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
         self._past: deque[tuple[float, Array, float]] = deque([(t, self._z, 1.0)])
 
-    def _become(self, x: Vector) -> None:
+    def _become(self, x: Vector, mode: str) -> None:
         """The physics of the stage that has come, with hoop and ball where they are; what was on its way stays so."""
         self._physics = self._stages[self._stage][1]
         self._z = self._physics.composite.beginning(np.asarray(x, float))
         self._course = self._physics.course(self._z)
+        if self._course is not None and mode == INNER:
+            self._course.restart(self._z, INNER)
         # a course has steps of its own; the past is kept step by step
         fine = self._physics.has_effects and (self._course is None or self._remembers)
         self._segment_s = STEP_S if fine else SEGMENT_S
@@ -129,6 +132,11 @@ class RigPlant:
         return 1.0 if self._course is None else self._course.distance
 
     @property
+    def ball_mode(self) -> str:
+        """What the ball does: rolling, air or inner."""
+        return ROLLING if self._course is None else self._course.mode
+
+    @property
     def flights(self) -> list[tuple[float, float]]:
         """Begin and end of every flight so far, s."""
         return [] if self._course is None else self._course.flights(self._t)
@@ -150,7 +158,7 @@ class RigPlant:
         while t - self._t > SAME_S:
             if self._t >= self._next_stage_t - SAME_S:
                 self._stage += 1
-                self._become(np.array(self.state))
+                self._become(np.array(self.state), self.ball_mode)
             h = min(min(t, self._next_torque(), self._next_stage_t) - self._t, self._segment_s)
             self._move(self._torques[0][1], h)
             self._t += h

@@ -34,6 +34,7 @@ class SceneSettings:
     centre: tuple[float, float] = (240.0, 240.0)
     track_radius: float = 182.0  # of the ball's centre
     ball_radius: float = 23.0
+    inner_radius: float = 0.0  # of the inner hoop, on whose outside a ball may roll; 0: there is none
     exposure_s: float = 0.005
     noise_sigma: float = 2.5  # grey levels
     lamp: float = 0.25  # brightness lost from the lit corner to the opposite one
@@ -190,6 +191,8 @@ def _hoop_sprite(s: SceneSettings) -> Image:
     for k in range(8):
         _screw(colour, s, k * pi / 4 + 0.2, track + 1.55 * ball, 0.22 * ball)
         _screw(colour, s, k * pi / 4, 0.25 * track, 0.2 * ball)
+    if s.inner_radius > 0.0:
+        _ring(colour, s, (0.86 * s.inner_radius, s.inner_radius), tuple(0.6 * c for c in s.hoop_colour))
     _disc(colour, s, 0.05 * track, (30.0, 30.0, 30.0))
     return cv2.resize(colour, (s.width, s.height), interpolation=cv2.INTER_AREA)  # type: ignore[return-value]
 

@@ -56,6 +56,7 @@ class DirectWatcher:
         offset_rad: float,
         centre_px: tuple[float, float],
         radius_px: float,
+        inner: float = 0.0,  # track of a ball on an inner hoop, in shares of the outer one's radius
         disturbance: Disturbance = Disturbance(),
         frame_s: float = 0.02,
     ) -> None:
@@ -63,6 +64,7 @@ class DirectWatcher:
         self._across = np.random.default_rng([seed, 5])  # of its own: the angles' noise is as without it
         self._noise, self._offset = noise_rad, offset_rad
         self._centre, self._radius = centre_px, radius_px
+        self._inner = inner
         self._disturbance, self._frame_s = disturbance, frame_s
         self._frozen: CameraSample | None = None
 
@@ -87,7 +89,8 @@ class DirectWatcher:
         x = self._centre[0] - self._radius * distance * sin(psi)
         y = self._centre[1] + self._radius * distance * cos(psi)
         direction = wrap(psi)
-        if abs(distance - 1.0) > SEEN_SHARE:  # its place is known, but it is no ball on the hoop
+        on_inner = self._inner > 0.0 and abs(distance - self._inner) < SEEN_SHARE
+        if abs(distance - 1.0) > SEEN_SHARE and not on_inner:  # its place is known, but it is no ball on a hoop
             return CameraSample(frame, t, t, nan, 0.0, x, y, frame, direction, distance)
         # what differs from picture to picture, as a sensor's noise does
         return CameraSample(frame, t, t, direction, 1.0 if isfinite(psi) else 0.0, x, y, frame, direction, distance)

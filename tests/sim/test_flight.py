@@ -108,3 +108,18 @@ def test_a_flying_ball_is_drawn_where_it_is_and_found_near_its_track() -> None:
         assert hypot(sample.x_px - 240, sample.y_px - 240) == pytest.approx(182 * distance, abs=0.7)
     analyser.reset()
     assert isnan(analyser.bgr(1, 0.0, 0.0, scene.render(1, (0.0, 0.0, 2.6, 0.0), distance=0.75)).psi)
+
+
+def test_the_rig_draws_the_inner_hoop_and_a_ball_on_it_is_seen() -> None:
+    state, settings = (0.3, 0.0, np.pi, 0.0), SceneSettings(inner_radius=94.0)
+    picture = Scene(settings).render(1, state, distance=117.0 / 182.0)
+    without = Scene(SceneSettings()).render(1, state)
+    assert abs(float(picture[240, 150].mean()) - float(without[240, 150].mean())) > 10
+    inner = Vision(inner_px=117.0)
+    sample = Analyser(inner, 0.3).bgr(1, 0.0, 0.0, picture)
+    assert sample.psi == sample.direction and abs(sample.psi) == pytest.approx(np.pi, abs=0.01)
+    assert sample.distance == pytest.approx(117.0 / 182.0, abs=0.005)
+    # between both it flies: its place is known, but it is no ball on a hoop
+    between = Scene(settings).render(1, (0.3, 0.0, 2.6, 0.0), distance=0.8)
+    flying = Analyser(inner, 0.3).bgr(1, 0.0, 0.0, between)
+    assert isnan(flying.psi) and flying.direction == pytest.approx(2.6, abs=0.01)

@@ -12,6 +12,7 @@ import casadi as ca
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point
 from hoopd.plants.effects.usual_sizes import named, of_kind
+from hoopd.plants.hoop.effects.inner_hoop import inner_hoop
 from hoopd.plants.hoop.effects.lift_off import lift_off
 from hoopd.plants.hoop.effects.normal_force import normal_force
 from hoopd.plants.hoop.effects.slip import slip
@@ -27,7 +28,7 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
 
 def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     every = (_coulomb(plant, name), _rolling_resistance(name), _drag(name))
-    return every if slot.data is None else (*every, slip(name, slot.data), lift_off(name, slot.data))
+    return every if slot.data is None else (*every, slip(name, slot.data), lift_off(name, slot.data), inner_hoop(name))
 
 
 def _along(s: Point) -> dict[str, Any]:

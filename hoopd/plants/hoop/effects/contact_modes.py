@@ -3,10 +3,11 @@
     rolling --N < 0--> air        spin and path go on as they are
     air --touches--> air          while the speed that comes back is one that flies: r' -> -e r'
     air --touches--> rolling      else: the speed across the hoop is lost
+    inner --N < 0--> air, air --touches--> air or inner    the same on the inner hoop, where there is one
 
-It touches where its distance from the axis comes back to Ro-Rb. At every touch the impulse of friction makes it roll,
-or as nearly as mu times the impulse across, m (1 + e) r', allows. What runs on through all of it (the hoop and its
-friction, lags, sensors) does so by the same effects.
+It touches where its distance from the axis comes back to Ro-Rb, or down to Ri+Rb. At every touch the impulse of
+friction makes it roll, or as nearly as mu times the impulse across, m (1 + e) |r'|, allows. What runs on through all of
+it (the hoop and its friction, lags, sensors) does so by the same effects.
 
 Rules of this file: guards and resets; how each mode moves stands in its plant, when one ends `plants.hybrid_plant`
 finds.
@@ -14,8 +15,8 @@ finds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -23,17 +24,37 @@ from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
+from hoopd.plants.hoop.contact import Contact, ContactOf
 from hoopd.plants.hoop.effects.flying_plant import FlyingPlant
+from hoopd.plants.hoop.effects.inner_hoop import (
+    INNER_HOOP,
+    RADIUS,
+    inner_contact,
+    inner_normal_force,
+    inner_track,
+    on_the_inner_hoop,
+)
 from hoopd.plants.hybrid_plant import HybridCourse, HybridPlant, Transition
 from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 
-ROLLING, AIR = "rolling", "air"
+ROLLING, AIR, INNER = "rolling", "air", "inner"
 # A ball that comes back slower than this (m/s) is on the hoop: it would fly for 2 ms, a tenth of a picture's time.
 LEAST_REBOUND_M_S = 0.01
 # Of a distance (m): a ball that has just left its track, by rounding, has not touched it again.
 SAME_PLACE_M = 1e-9
+
+
+class _Track(NamedTuple):
+    """What the ball rolls on: the plant meanwhile, its contact, where its centre runs, what presses it on."""
+
+    mode: str
+    plant: Composite
+    contact: ContactOf
+    distance: Callable[[Point], Any]  # m
+    normal_force: Callable[[Point], Any]  # N
+    side: float  # 1: the ball is within, -1: outside
 
 
 class ContactModes:
@@ -47,57 +68,67 @@ class ContactModes:
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
         self.air = Composite(self._flying.plant, through, substeps=1)
+        inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
+        self.inner = Composite(on_the_inner_hoop(plant, self._flying.contact), through, substeps=1) if inner else None
         slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
         self._mu, self._restitution = slip or effect.key("grip"), effect.key("restitution")
-        self.hybrid = HybridPlant({ROLLING: self.rolling, AIR: self.air}, self._transitions())
+        tracks = [_Track(ROLLING, self.rolling, self._flying.contact, on_track, self._flying.normal_force, 1.0)]
+        if self.inner is not None:
+            contact = inner_contact(self._flying.contact)
+            tracks.append(_Track(INNER, self.inner, contact, inner_track, inner_normal_force, -1.0))
+        modes = {AIR: self.air, **{one.mode: one.plant for one in tracks}}
+        self.hybrid = HybridPlant(
+            {ROLLING: self.rolling, **modes}, [one for track in tracks for one in self._transitions(track)]
+        )
         self.normal = self.hybrid.of(ROLLING)[0].guard
 
-    def _transitions(self) -> list[Transition]:
-        """Normal force (z, p) and what follows where it ends; the way to the track and what follows there."""
+    def _transitions(self, track: _Track) -> list[Transition]:
+        """What ends on one track, and how a touch with it ends."""
         p = ca.SX.sym("p", len(self.rolling.names))
         named = {name: p[i] for i, name in enumerate(self.rolling.names)}
-        z, air = ca.SX.sym("z", self.rolling.nz), ca.SX.sym("air", self.air.nz)
-        on, off = self.rolling.plant.point(z, named), self.air.plant.point(air, named)
+        z, air = ca.SX.sym("z", track.plant.nz), ca.SX.sym("air", self.air.nz)
+        on, off = track.plant.plant.point(z, named), self.air.plant.point(air, named)
         e, mu = named[self._restitution], named[self._mu]
 
         def of(name: str, state: Any, value: Any) -> ca.Function:
             return ca.Function(name, [state, p], [ca.densify(value)])
 
-        touching = of("touching", air, on_track(off) + SAME_PLACE_M - off.distance)
-        rebounds = of("rebounds", air, e * off.ddistance - LEAST_REBOUND_M_S)
+        # from within the outer track, from outside the inner one
+        touching = of("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
+        rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
+        lost, took_off = of("normal", z, track.normal_force(on)), of("off", z, self._took_off(z, on, track))
+        bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
-            Transition(
-                ROLLING, AIR, of("normal", z, self._flying.normal_force(on)), of("off", z, self._took_off(z, on))
-            ),
-            Transition(AIR, AIR, touching, of("bounced", air, self._bounced(air, off, mu, e)), rebounds),
-            Transition(AIR, ROLLING, touching, of("landed", air, self._landed(air, off, mu))),
+            Transition(track.mode, AIR, lost, took_off),
+            Transition(AIR, AIR, touching, of("bounced", air, bounced), rebounds),
+            Transition(AIR, track.mode, touching, of("landed", air, landed)),
         ]
 
-    def _took_off(self, z: Any, s: Point) -> Any:
-        c = self._flying.contact(s)
+    def _took_off(self, z: Any, s: Point, track: _Track) -> Any:
+        c = track.contact(s)
         spin = c.by_theta * s.dtheta + c.by_psi * s.dpsi - (s.dslip if "slip" in s else 0.0)
-        return ca.vertcat(z[: self.shared], 0.0, spin, on_track(s), 0.0, z[self.rolling.nx :])
+        return ca.vertcat(z[: self.shared], 0.0, spin, track.distance(s), 0.0, z[track.plant.nx :])
 
-    def _bounced(self, z: Any, s: Point, mu: Any, e: Any) -> Any:
-        rates = self._touched(s, mu, e)
+    def _bounced(self, z: Any, s: Point, mu: Any, e: Any, track: _Track) -> Any:
+        rates = self._touched(s, mu, e, track.contact(s))
         moved = {**{f"d{q}": rate for q, rate in rates.items() if q != "slip"}, "ddistance": -e * s.ddistance}
-        moved["distance"] = on_track(s)
+        moved["distance"] = track.distance(s)
         return ca.vertcat(*(moved.get(name, z[i]) for i, name in enumerate(self.air.plant.states)), z[self.air.nx :])
 
-    def _landed(self, z: Any, s: Point, mu: Any) -> Any:
-        rates, own = self._touched(s, mu, 0.0), self.rolling.plant.coordinates
+    def _landed(self, z: Any, s: Point, mu: Any, track: _Track) -> Any:
+        rates, own = self._touched(s, mu, 0.0, track.contact(s)), track.plant.plant.coordinates
         state = [x for q in own for x in (0.0 if q == "slip" else getattr(s, q), rates[q])]
         return ca.vertcat(*state, z[self.air.nx :])
 
-    def _touched(self, s: Point, mu: Any, e: Any) -> dict[str, Any]:
+    def _touched(self, s: Point, mu: Any, e: Any, c: Contact) -> dict[str, Any]:
         """Rates of hoop, path, spin and slip after a touch."""
-        c, rb = self._flying.contact(s), s.p["Rb"]
+        rb = s.p["Rb"]
         by_theta = c.by_theta / c.theta_inertia if "theta" in self.rolling.plant.coordinates else 0.0
         by_psi = c.by_psi / c.psi_inertia
         slide = c.by_theta * s.dtheta + c.by_psi * s.dpsi - s.dspin
-        # the impulse P after which nothing slides, at most mu m (1 + e) r':  hoop, path and spin change by it
+        # the impulse P after which nothing slides, at most mu m (1 + e) |r'|:  hoop, path and spin change by it
         free = (c.by_theta * by_theta + c.by_psi * by_psi + 1.0 / c.spin_inertia) * rb
-        most = mu * ca.fmax(s.p["mb"] * (1.0 + e) * s.ddistance, 0.0)
+        most = mu * s.p["mb"] * (1.0 + e) * ca.fabs(s.ddistance)
         impulse = ca.fmin(ca.fmax(-slide / free, -most), most)
         return {
             "theta": s.dtheta + by_theta * rb * impulse,
@@ -122,16 +153,28 @@ class ContactCourse:
 
     def __init__(self, modes: ContactModes, values: Mapping[str, float], z: Array) -> None:
         self._o, self._course = modes, HybridCourse(modes.hybrid, values, ROLLING, z)
-        self._track = values.get("Ro", modes.rolling.values["Ro"]) - values.get("Rb", modes.rolling.values["Rb"])
+        told = {**modes.rolling.values, **values}
+        self._track = told["Ro"] - told["Rb"]
+        self._inner_track = told.get(RADIUS, 0.0) + told["Rb"]
 
-    def restart(self, z: Array) -> None:
-        """Begin anew with a ball on the hoop."""
-        self._course.restart(ROLLING, z)
+    def restart(self, z: Array, mode: str = ROLLING) -> None:
+        """Begin anew with a ball on the hoop, or on the inner one."""
+        self._course.restart(mode, z)
+
+    @property
+    def mode(self) -> str:
+        """What the ball does."""
+        return self._course.mode
 
     @property
     def flies(self) -> bool:
         """Whether the ball is off the hoop."""
-        return self._course.mode == AIR
+        return self.mode == AIR
+
+    @property
+    def rolls(self) -> bool:
+        """Whether the ball is on the (outer) hoop."""
+        return self.mode == ROLLING
 
     @property
     def z(self) -> Array:
@@ -144,17 +187,19 @@ class ContactCourse:
 
     def seen(self) -> Array:
         """The state as the rolling plant has it."""
-        if not self.flies:
+        if self.rolls:
             return self.z
         o = self._o
-        rolling = np.zeros(o.rolling.nz)
-        rolling[: o.shared], rolling[o.rolling.nx :] = self.z[: o.shared], self.z[o.air.nx :]
+        rolling, mode = np.zeros(o.rolling.nz), o.hybrid.modes[self.mode]
+        rolling[: o.shared], rolling[o.rolling.nx :] = self.z[: o.shared], self.z[mode.nx :]
         return rolling
 
     @property
     def distance(self) -> float:
         """Of the ball's centre from the axis, in shares of what it is on the hoop."""
-        return float(self.z[self._o.air.nx - 2]) / self._track if self.flies else 1.0
+        if self.flies:
+            return float(self.z[self._o.air.nx - 2]) / self._track
+        return 1.0 if self.rolls else self._inner_track / self._track
 
     def step(self, torque: float, d: float, t: float) -> None:
         """Go on by d seconds from t; a change of mode within them is found."""

@@ -52,7 +52,9 @@ class FlightRun(FreeRun):
         course = ContactCourse(self._modes, values, self._start(x0, u))
         rows = [course.seen()]
         while len(rows) < len(nodes):
-            safe = rows[:0] if course.flies else list(self._safely_on(values, course.z, nodes[len(rows) - 1 :], t, u))
+            safe = (
+                rows[:0] if not course.rolls else list(self._safely_on(values, course.z, nodes[len(rows) - 1 :], t, u))
+            )
             if safe:
                 rows.extend(safe)
                 course.z = safe[-1]

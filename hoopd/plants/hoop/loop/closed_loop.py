@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf, pi, tau
+from math import inf, nan, pi, tau
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +21,8 @@ from hoopd.core.late import LateEstimator
 from hoopd.core.limits import Limiter
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 from hoopd.plants.compiled import zero_order_hold
+from hoopd.plants.found_effects import FoundEffects
+from hoopd.plants.hoop.effects.contact_modes import INNER, ROLLING, ContactCourse, ContactModes
 from hoopd.plants.hoop.plant import HoopPlant
 
 WIRE_S = 8 * 10 / 115200  # a request's time on the wire
@@ -28,7 +30,7 @@ MOST_STEPS = 1000  # step lengths that `LinearPlant` keeps: rounding makes new o
 
 
 class Moving(Protocol):
-    """What moves under a held torque: a `HoopPlant`, or its linear model."""
+    """What moves under a held torque: a `HoopPlant`, its linear model, or a `FreeBall`."""
 
     def advance(self, x: Vector, u: float, h: float) -> Vector:
         """State (4,) after `h` seconds with the torque `u` held."""
@@ -52,12 +54,44 @@ class LinearPlant:
         return a @ x + b[:, 0] * u
 
 
+class FreeBall:
+    """A plant whose ball may leave its track, as `HoopPlant`; for one run, which begins on the inner hoop or not."""
+
+    def __init__(self, found: FoundEffects, *, inner: bool) -> None:
+        self._modes = ContactModes(found.plant, found.effects())
+        self._course = ContactCourse(self._modes, found.values, self._modes.rolling.beginning(np.zeros(4)))
+        self._course.restart(np.zeros(self._modes.rolling.nz), INNER if inner else ROLLING)
+        self._t = 0.0
+
+    @property
+    def mode(self) -> str:
+        """What the ball does."""
+        return self._course.mode
+
+    @property
+    def distance(self) -> float:
+        """Of the ball from the axis, in shares of its track's radius."""
+        return self._course.distance
+
+    def advance(self, x: Vector, u: float, h: float) -> Vector:
+        """State (4,) after `h` seconds with the torque `u` held; in the air it goes on from where it is."""
+        if not self._course.flies:
+            z = self._course.z.copy()
+            z[:4] = x
+            self._course.z = z
+        self._course.advance(u, h, self._t)
+        self._t += h
+        return self._course.seen()[:4].copy()
+
+
 @dataclass(frozen=True)
 class Scenario:
     """One run: what the plant starts from, what the sensors do to it, what is asked of the law."""
 
     duration_s: float = 6.0
     psi0_rad: float = 0.0
+    # as the ball is let go: speeds of hoop and ball, rad/s
+    pushed: tuple[float, float] = (0.0, 0.0)
     period_s: float = 0.02
     latency_s: float = 0.0  # the picture shows psi so much before its stamp
     delay_frames: int = 2  # picture delivered so long after the middle of its exposure
@@ -127,6 +161,12 @@ class _World:
         self._pictures: list[CameraSample] = []
         self._disturbed = scenario.disturbance_rad == 0.0
 
+    def hold(self, held: bool) -> None:
+        """By hands, or let go with a push."""
+        if self.held and not held:
+            self.x = self.x + np.array([0.0, self.s.pushed[0], 0.0, self.s.pushed[1]])
+        self.held = held
+
     def run_to(self, t: float) -> None:
         """Advance, exposing the pictures on the way."""
         while self._next_frame <= t:
@@ -163,11 +203,14 @@ class _World:
         if not self._disturbed and t >= s.start_s + s.disturbance_at_s:
             psi, self._disturbed = psi + s.disturbance_rad, True
         psi = (psi + pi) % tau - pi
+        place = (nan, nan)
+        if isinstance(self.plant, FreeBall):
+            place = (psi, self.plant.distance + s.psi_noise_rad * self.rng.normal())
         self._frame += 1
         if not s.psi_missing(t - s.start_s):
             stamp = t + s.latency_s
             arrival = stamp + s.delay_frames * s.period_s
-            self._pictures.append(CameraSample(self._frame, stamp, arrival, psi, 1.0, 0.0, 0.0))
+            self._pictures.append(CameraSample(self._frame, stamp, arrival, psi, 1.0, 0.0, 0.0, 0, *place))
 
 
 def simulate(
@@ -181,7 +224,7 @@ def simulate(
 ) -> ClosedLoopRun:
     """Run one scenario; the ball is held until `start_s`, where the rows' time begins; `watch` sees every estimate."""
     s = scenario or Scenario()
-    world, answer = _World(plant, s), None
+    world, answer, flies = _World(plant, s), None, isinstance(plant, FreeBall)
     controller.reset()
     estimator.reset()
     limiter.reset()
@@ -193,9 +236,9 @@ def simulate(
         t = k * s.period_s
         world.run_to(t)
         camera = world.picture(t)
-        estimate = estimator.update(t, torque, applied, answer, camera, held=world.held)
+        estimate = estimator.update(t, torque, applied, answer, camera, held=world.held, may_fly=flies)
         psi_last = psi_last if camera is None else camera.psi
-        world.held = t < s.start_s - 1e-9
+        world.hold(t < s.start_s - 1e-9)
         wanted = demanded = 0.0
         before = torque - added
         if not world.held:

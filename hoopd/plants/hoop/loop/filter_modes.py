@@ -6,6 +6,7 @@ written here. Functions are small and made with the filter: the tick waits for n
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from hoopd.core.ball_modes import BallMode, BallModes, Passage, Step
 from hoopd.plants.compiled import Call
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
-from hoopd.plants.hoop.effects.contact_modes import AIR, ROLLING, ContactModes, on_track
+from hoopd.plants.hoop.effects.contact_modes import AIR, INNER, ROLLING, ContactModes, on_track
+from hoopd.plants.hoop.effects.inner_hoop import INNER_HOOP, RADIUS, inner_normal_force, inner_track
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.effects.normal_force import signed_normal_force
 from hoopd.plants.hybrid_plant import Transition
@@ -25,6 +27,8 @@ from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 
+# Effects that say what becomes of a ball off its track.
+OFF_TRACK = (LIFT_OFF, INNER_HOOP)
 # Width (rad/s) of the smooth form of dry friction in the rates on both sides of a passage.
 FRICTION_WIDTH = 0.5
 # Of what a touch changes in the rates along the hoop, the deviation of what it really does: from a touch without grip
@@ -55,28 +59,34 @@ class _Made:
     """Functions of a model's numbers."""
 
     def __init__(self, found: FoundEffects, inside: FoundEffects) -> None:
-        told = [one for one in found.entries if one.name == LIFT_OFF] or [FoundEffect(LIFT_OFF, {})]
-        flying = replace(inside, entries=(*(one for one in inside.entries if one.name != LIFT_OFF), *told))
+        told = {
+            LIFT_OFF: FoundEffect(LIFT_OFF, {}),
+            **{one.name: one for one in found.entries if one.name in OFF_TRACK},
+        }
+        flying = replace(inside, entries=(*(one for one in inside.entries if one.name not in told), *told.values()))
         self._values = flying.values
         self._contact = ContactModes(flying.plant, flying.effects())
-        self._composites = {ROLLING: self._contact.rolling, AIR: self._contact.air}
+        self._composites = self._contact.hybrid.modes
         self._p = ca.SX(self._contact.rolling.vector(self._values))
         self._named = {name: self._p[k] for k, name in enumerate(self._contact.rolling.names)}
 
     def modes(self, rolling: Step) -> BallModes:
         """All of them."""
-        air = self._contact.air
-        step = NumericPlant(air.declared, air.effects, self._values).filter_step
-        of = self._contact.hybrid.of
-        return BallModes(
-            {
-                ROLLING: BallMode(rolling, tuple(map(self._passage, of(ROLLING))), self._signs(ROLLING)),
-                AIR: BallMode(step, tuple(map(self._passage, of(AIR))), self._signs(AIR)),
-            },
-            float(self._values["Ro"] - self._values["Rb"]),
-            self._jump(of(ROLLING)[0], timed=False),
-            self._jump(of(AIR)[-1], timed=False),
-        )
+        of, v = self._contact.hybrid.of, self._values
+        made = {name: self._mode(name, self._step(name, rolling)) for name in self._composites}
+        tracks = {ROLLING: v["Ro"] - v["Rb"], **({INNER: v[RADIUS] + v["Rb"]} if INNER in made else {})}
+        landing = next(one for one in of(AIR) if one.target == ROLLING)
+        return BallModes(made, tracks, self._jump(of(ROLLING)[0], timed=False), self._jump(landing, timed=False))
+
+    def _step(self, name: str, rolling: Step) -> Step:
+        if name == ROLLING:
+            return rolling
+        c = self._composites[name]
+        return NumericPlant(c.declared, c.effects, self._values).filter_step
+
+    def _mode(self, name: str, step: Step) -> BallMode:
+        passages = tuple(map(self._passage, self._contact.hybrid.of(name)))
+        return BallMode(step, passages, tuple(self._signs(name)))
 
     def _passage(self, transition: Transition) -> Passage:
         z = self._state(transition.source)
@@ -110,14 +120,18 @@ class _Made:
                 unknown[row] = UNKNOWN_SHARE * (after[row] - z[row])
         return _Jump(Call(ca.Function("jump", [z, u], [ca.densify(one) for one in (after, by, unknown)])))
 
-    def _signs(self, mode: str) -> _Signs:
-        """Pressed on the hoop; in the air: not pressed, or off the track."""
+    def _signs(self, mode: str) -> Iterator[_Signs]:
+        """Pressed on its track; in the air of every track: not pressed on it, or off it."""
         z = self._state(mode)
         s = self._composites[mode].plant.point(z, self._named)
-        pressed = signed_normal_force(s)
-        values = [pressed] if mode == ROLLING else [-pressed, on_track(s) - s.distance]
-        rows = ca.vertcat(*(ca.horzcat(one, ca.jacobian(one, z)) for one in values))
-        return _Signs(Call(ca.Function("signs", [z], [ca.SX(0.0), ca.densify(rows)])))
+        for track in [one for one in self._composites if one != AIR] if mode == AIR else [mode]:
+            pressed = signed_normal_force(s) if track == ROLLING else inner_normal_force(s)
+            values = [pressed]
+            if mode == AIR:
+                off = on_track(s) - s.distance if track == ROLLING else s.distance - inner_track(s)
+                values = [-pressed, off]
+            rows = ca.vertcat(*(ca.horzcat(one, ca.jacobian(one, z)) for one in values))
+            yield _Signs(Call(ca.Function("signs", [z], [ca.SX(0.0), ca.densify(rows)])))
 
     def _rate(self, mode: str, z: Any, u: Any) -> Any:
         c: Composite = self._composites[mode]
@@ -153,7 +167,7 @@ class _Jump:
 
 @dataclass(frozen=True)
 class _Signs:
-    """As `core.ball_modes.BallMode.signs`."""
+    """As one of `core.ball_modes.BallMode.signs`."""
 
     call: Call
 

@@ -67,8 +67,8 @@ def path_limits(structure: str, plant: Plant, limits: MotionLimits, p: dict[str,
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     pressed = contact_weights(plant, x, p)
     groups = {
-        "torque": _both_ways(u / limits.torque_nm),
-        "hoop speed": _both_ways(x[1] / limits.hoop_speed_rad_s),
+        "torque": both_ways(u / limits.torque_nm),
+        "hoop speed": both_ways(x[1] / limits.hoop_speed_rad_s),
         "contact force": limits.contact - pressed,
     }
     if limits.grip < inf:
@@ -92,5 +92,6 @@ def grip_weights(structure: str, plant: Plant, x: Any, p: dict[str, Any], dx: An
     return force / (p["mb"] * p["g"])
 
 
-def _both_ways(share: Any) -> Any:
+def both_ways(share: Any) -> Any:
+    """By how much a share exceeds one, above and below."""
     return ca.vertcat(share - 1.0, -share - 1.0)

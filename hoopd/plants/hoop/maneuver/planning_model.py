@@ -13,6 +13,7 @@ import numpy as np
 
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.contact import contact_of
+from hoopd.plants.hoop.effects.inner_hoop import INNER_HOOP
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.equations import runge_kutta
 from hoopd.plants.hoop.loop.writeback import filter_effects, filter_plant
@@ -33,6 +34,7 @@ class PlanningModel:
         self.declared = self.found.plant if self.found else found.plant
         # of a touch after a flight, where the model has it
         self.lift_off = next((one.parameters for one in found.entries if one.name == LIFT_OFF), {})
+        self.inner = tuple(one for one in found.entries if one.name == INNER_HOOP)
         self.parameters = {name: ca.SX(value) for name, value in found.base.items()}
 
     @property
@@ -66,4 +68,4 @@ class PlanningModel:
 def flying_model(model: PlanningModel) -> FoundEffects:
     """The planning model's plant, with a ball that may leave the hoop."""
     found = model.found
-    return replace(found, entries=(*found.entries, FoundEffect(LIFT_OFF, model.lift_off)))
+    return replace(found, entries=(*found.entries, FoundEffect(LIFT_OFF, model.lift_off), *model.inner))

@@ -41,7 +41,9 @@ class TrackingWeights:
         return self.torque_nm**-2
 
 
-def tracking_gains(step: ca.Function, states: Array, inputs: Array, weights: TrackingWeights) -> Array:
+def tracking_gains(
+    step: ca.Function, states: Array, inputs: Array, weights: TrackingWeights, rest: Array | None = None
+) -> Array:
     """Gains along a motion.
 
     Parameters
@@ -54,23 +56,31 @@ def tracking_gains(step: ca.Function, states: Array, inputs: Array, weights: Tra
         Torques, N m.
     weights : TrackingWeights
         What costs how much.
+    rest : ndarray, shape (4,), optional
+        Where the regulator goes on behind the end; the bottom without.
 
     Returns
     -------
     ndarray, shape (n, 4)
         N m per rad and per rad/s; of theta zero.
     """
-    _, a, b = (one.full() for one in step(np.zeros(4), 0.0))
-    # the hoop's angle does not act on anything here, so that P has no share of it
-    p = weights.q
-    for _ in range(SETTLING_TICKS):
-        p, _ = _backwards(p, a, b, weights)
+    p, _ = resting_gains(step, np.zeros(4) if rest is None else rest, weights)
     gains = np.zeros((len(inputs), 4))
     for k in range(len(inputs) - 1, -1, -1):
         _, a, b = (one.full() for one in step(states[k], inputs[k]))
         p, gains[k] = _backwards(p, a, b, weights)
     gains[:, 0] = 0.0  # where an effect follows the angle, the plan does not know where it begins
     return gains
+
+
+def resting_gains(step: ca.Function, rest: Array, weights: TrackingWeights) -> tuple[Array, Array]:
+    """P (4, 4) and gains (4,) of the regulator of a state at rest, stable or not; `step` as of `tracking_gains`."""
+    _, a, b = (one.full() for one in step(rest, 0.0))
+    # the hoop's angle does not act on anything here, so that P has no share of it
+    p, gains = weights.q, np.zeros(4)
+    for _ in range(SETTLING_TICKS):
+        p, gains = _backwards(p, a, b, weights)
+    return p, gains
 
 
 def hoop_gain(inertia: float, tick_s: float, weights: TrackingWeights) -> float:

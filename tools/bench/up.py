@@ -1,0 +1,87 @@
+"""A ball on top of the inner hoop, held against disturbances: the region, and runs that begin in it.
+
+python tools/bench/up.py [--disturbances 100] [--seconds 30] [--radius 0.0445] [--off 0] [--json FILE]
+
+The plant alone with the daemon's filter, in the daemon's time-line: a camera that is two frames late and has noise, an
+encoder with counts, torques that act when they arrive. Hands hold the ball near the top and let it go with a push. The
+region is found first (`hoopd.plants.hoop.maneuver.balance`), then disturbances are drawn evenly in it, with other
+noise. `--off 0.1`: the plant's inertias and frictions are drawn a tenth off, up or down, for every run. Exit code 1
+when a ball was not held.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import msgspec
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+
+from concealed.proportions import clopper_pearson  # noqa: E402
+
+from hoopd.files.controller import load_controller, settings_of  # noqa: E402
+from hoopd.files.model import InnerHoop  # noqa: E402
+from hoopd.files.shipped import defaults_folder  # noqa: E402
+from hoopd.plants.found_effects import FoundEffects  # noqa: E402
+from hoopd.plants.hoop.maneuver.balance import Balance  # noqa: E402
+from hoopd.plants.hoop.maneuver.inner_model import InnerModel  # noqa: E402
+from hoopd.plants.hoop.maneuver.planning_model import PlanningModel  # noqa: E402
+from hoopd.plants.model_file import effects_of, load_model  # noqa: E402
+
+DRAWN = ("Ih", "Ib", "bh", "bb")
+
+
+def balance_of(radius_m: float) -> Balance:
+    """The regulator on the shipped model with an inner hoop."""
+    hoop = load_model(defaults_folder() / "models" / "hoop.yaml")
+    device = msgspec.structs.replace(hoop.device, inner=InnerHoop(radius_m))
+    model = InnerModel(PlanningModel(effects_of(msgspec.structs.replace(hoop, device=device))))
+    settings = settings_of(load_controller(defaults_folder() / "controllers" / "lqg.yaml"))
+    return Balance(model, settings, device.torque_limit_nm)
+
+
+def off_by(found: FoundEffects, share: float, seed: int) -> FoundEffects:
+    """The same plant with inertias and frictions a share off, up or down."""
+    rng = np.random.default_rng([seed, 11])
+    factors = {name: 1.0 + share * float(rng.choice([-1.0, 1.0])) for name in DRAWN}
+    return replace(found, base={name: value * factors.get(name, 1.0) for name, value in found.base.items()})
+
+
+def main() -> int:
+    """Find the region, draw, run, count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--disturbances", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--radius", type=float, default=0.0445, help="of the inner hoop, m")
+    parser.add_argument("--off", type=float, default=0.0, help="share by which the plant is another one")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    balance = balance_of(options.radius)
+    region = balance.region(options.seed)
+    widths = dict(zip(("hoop_rad_s", "angle_rad", "ball_rad_s"), map(float, region.half_widths), strict=True))
+    print("region, half widths:", ", ".join(f"{name} {value:.3g}" for name, value in widths.items()), flush=True)
+    held = []
+    for k, start in enumerate(region.drawn(options.disturbances, options.seed + 1)):
+        true = off_by(balance.model.found, options.off, k)
+        held.append(balance.holds(start, options.seconds, 1000 + k, true))
+        if not held[-1]:
+            print(f"not held: {np.round(start, 3).tolist()}", flush=True)
+    low, high = clopper_pearson(sum(held), len(held)) or (0.0, 1.0)
+    print(f"held for {options.seconds:g} s: {sum(held)} of {len(held)} ({100 * low:.0f} to {100 * high:.0f} %)")
+    if options.json:
+        options.json.write_text(json.dumps({"region": widths, "held": held, "seconds": options.seconds}, indent=1))
+    return 0 if all(held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
