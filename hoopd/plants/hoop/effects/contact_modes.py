@@ -158,8 +158,10 @@ class ContactCourse:
         self._inner_track = told.get(RADIUS, 0.0) + told["Rb"]
 
     def restart(self, z: Array, mode: str = ROLLING) -> None:
-        """Begin anew with a ball on the hoop, or on the inner one."""
-        self._course.restart(mode, z)
+        """Begin anew with a ball on the hoop, or on the inner one; `z` is of the hoop's."""
+        o = self._o
+        own = z if mode == ROLLING else np.concatenate([z[: o.shared], z[o.rolling.nx :]])
+        self._course.restart(mode, own)
 
     @property
     def mode(self) -> str:
