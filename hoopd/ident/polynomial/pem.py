@@ -371,22 +371,24 @@ def _robust(own: Structure, pieces: Sequence[PolynomialExperiment], best: Optimu
     q = np.zeros((own.size, own.size))
     for one, p in zip(pieces, best.p, strict=True):
         found = errors(own, best.x, p, one)
-        q += _serial(jacobian(own, found, one, 0), found.e)
+        q += _serial(jacobian(own, found, one, 0), found.e, one.seen)
     count = sum(one.count for one in pieces)
     return np.asarray(best.inverse @ q @ best.inverse * count / max(count - own.size - best.p.size, 1))
 
 
-def _serial(rows: Array, e: Array) -> Array:
+def _serial(rows: Array, e: Array, seen: Array | None = None) -> Array:
     """Sum of psi(t) r(t - s) psi(s)' of derivatives psi (m, n); white inputs are independent of e."""
-    r = _correlation(e, min(len(e) // 4, round(4.0 * len(e) ** (1.0 / 3.0))))
+    r = _correlation(e, min(len(e) // 4, round(4.0 * len(e) ** (1.0 / 3.0))), np.ones(len(e)) if seen is None else seen)
     smooth = np.apply_along_axis(np.convolve, 1, rows, np.concatenate([r[:0:-1], r]), "same")
     q = rows @ smooth.T
     return np.asarray(0.5 * (q + q.T))
 
 
-def _correlation(e: Array, lags: int) -> Array:
-    """Covariance of e at lags 0 .. L under Bartlett's weights."""
-    raw = np.array([e[k:] @ e[: len(e) - k] for k in range(lags + 1)]) / len(e)
+def _correlation(e: Array, lags: int, seen: Array) -> Array:
+    """Covariance of e, 0 where it was not seen, at lags 0 .. L: of what was, under Bartlett's weights."""
+    n, own = len(e), np.where(seen > 0.0, e, 0.0)
+    sums, pairs = (np.array([a[k:] @ a[: n - k] for k in range(lags + 1)]) for a in (own, seen))
+    raw = sums / np.maximum(pairs, 1.0) * (1.0 - np.arange(lags + 1) / n)
     return np.asarray(raw * (1.0 - np.arange(lags + 1) / (lags + 1.0)))
 
 

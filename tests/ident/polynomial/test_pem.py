@@ -97,6 +97,17 @@ def test_the_robust_covariance_holds_for_coloured_noise() -> None:
     assert abs(np.log(np.mean(np.square(robust), axis=0))).max() < abs(np.log(np.mean(np.square(white), axis=0))).max()
 
 
+@pytest.mark.parametrize("missing", [0.0, 0.2, 0.5])
+def test_a_missing_output_is_no_error_of_zero_in_the_robust_covariance(missing: float) -> None:
+    """Of white noise both kinds say the same; a zero in a gap once made the robust one too sure."""
+    data = made("oe", 4000, seed=1)
+    gone = np.random.default_rng(2).random(data.n) < missing
+    data = iddata(np.where(gone, np.nan, data.y[:, 0]), data.u)
+    robust, white = (oe(data, 2, 2, covariance=kind).covariance for kind in ("robust", "white"))
+    assert robust is not None and white is not None
+    assert np.sqrt(np.diag(robust) / np.diag(white)) == pytest.approx(np.ones(4), abs=0.06)
+
+
 def test_missing_outputs() -> None:
     data = made("oe", 2000, before=30)
     y = data.y.copy()
