@@ -98,6 +98,7 @@ def _planned(model: ModelFile, options: TrajectoryOptions, torque_nm: float) -> 
             model.sample_time_s,
             options.turn,
             options.flight_s,
+            options.hold_s,
         )
     except ValueError as error:
         raise InputError("trajectory", "", str(error)) from None

@@ -2,7 +2,8 @@
 
     waits for nothing: at its first tick hoop and ball are at rest at the bottom, or it ends at once
     plan     u_k = u*_k - K_k (x_k - x*_k),  one row a tick
-    over     ends as `DONE`; the law of before is back in the same tick
+    over     ends as `DONE`; the law of before is back in the same tick; where the plan ends on an inner hoop it lets
+             the ball down first, as if it had been given up
     given up the hoop is braked until hoop and ball are nearly at rest, then it ends with the reason
 
 Rules of this file: pure; a plan is played once; what it left it never takes up again; the torque of a maneuver that was
@@ -102,15 +103,17 @@ class PlannedMotion:
         unmodelled: float = 0.0,
         suspends: Sequence[str] = (),
         flight: FlightTicks | None = None,
+        let_down: bool = False,
         brake: Brake = Brake(),
     ) -> None:
         """`states`: (n + 1, 4) from rest at the bottom; `feedback`: (n, 4) N m per state; `unmodelled`: density of what
         the model may leave of so fast a motion, (rad/s)^2/s; `suspends`: rows of the fault table that the plan itself
-        would raise; `flight`: of a throw."""
+        would raise; `flight`: of a throw; `let_down`: it ends where no law of the bottom holds the ball."""
         self.torques_nm = np.array(torques_nm, float)
         self.states, self.feedback = np.array(states, float), np.array(feedback, float)
         self.start, self.envelope, self.brake = start, envelope, brake
         self.unmodelled, self.suspends, self.flight = float(unmodelled), tuple(suspends), flight
+        self.let_down = let_down
         n = len(self.torques_nm)
         if not 1 <= n <= LONGEST_PLAN_TICKS:
             raise ValueError(f"a plan has 1 to {LONGEST_PLAN_TICKS} ticks, not {n}")
@@ -147,7 +150,7 @@ class MotionTracker:
     @property
     def suspended(self) -> tuple[str, ...]:
         """Rows of the fault table that the plan would raise, while it is played and no longer."""
-        if self._k == 0 or self._given_up or self.ended:
+        if self._k == 0 or (self._given_up and self._given_up != DONE) or self.ended:
             return ()
         return (*self.plan.suspends, *(self.plan.flight.suspends if self.plan.flight and self._flies else ()))
 
@@ -174,6 +177,9 @@ class MotionTracker:
         if self._given_up:
             return self._braked(measurement), {}
         if self._k >= len(self.plan.torques_nm):
+            if self.plan.let_down:
+                self._given_up = DONE
+                return self._braked(measurement), {}
             self.ended = DONE
             return 0.0, {}
         planned, k = self.plan.states[self._k] + self._origin, self._k
@@ -226,7 +232,7 @@ class MotionTracker:
             self._braking_since = m.t
         calm = _known(m) and not brake.calm.breach(m.x, np.array([0.0, 0.0, tau * round(float(m.x[2]) / tau), 0.0]))
         if calm or not _known(m) or m.t - self._braking_since >= brake.longest_s:
-            self.ended = f"given up: {self._given_up}"
+            self.ended = DONE if self._given_up == DONE else f"given up: {self._given_up}"
             return 0.0
         return brake.torque(float(m.x[1]))
 

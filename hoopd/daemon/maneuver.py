@@ -25,6 +25,7 @@ from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.daemon.replay import recorded_config
 from hoopd.files.controller import parse_controller
 from hoopd.files.loaded_controller import LoadedController, text_of_loaded
+from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
@@ -60,7 +61,7 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     check_options(options._replace(duration_s=inf), config)
     where.check()
     if options.sim:
-        config = _with_flights(config, options.config, seen=asked.trajectory.plan.flight is not None)
+        config = _with_flights(config, options.config, asked.trajectory)
     texts = read_texts(config, options.config)
     conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
     options = options._replace(duration_s=_longest(asked, options))
@@ -71,16 +72,26 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     return _told(asked, conductor, summary, parts[0], texts)
 
 
-def _with_flights(config: Config, config_path: Path | None, *, seen: bool) -> Config:
-    """The rig's ball may leave the hoop: one that is glued to it would go round whatever the plan. `seen`: the detector
-    looks for it in the air, too."""
-    if seen:
-        config = msgspec.structs.replace(config, vision=msgspec.structs.replace(config.vision, flying=True))
-    told = {entry.name for entry in load_model(configuration.find(config.sim.model, config_path)).effects}
+def _with_flights(config: Config, config_path: Path | None, trajectory: TrajectoryFile) -> Config:
+    """The rig's ball may leave the hoop: one that is glued to it would go round whatever the plan. Of one that is
+    thrown, the detector looks for it in the air, and on the inner hoop of the rig's model."""
+    model = load_model(configuration.find(config.sim.model, config_path))
+    if trajectory.plan.flight is not None:
+        vision = msgspec.structs.replace(config.vision, flying=True, inner_px=_inner_px(config, model))
+        config = msgspec.structs.replace(config, vision=vision)
+    told = {entry.name for entry in model.effects}
     if LIFT_OFF in told | {entry.name for entry in config.sim.effects}:
         return config
     effects = [*config.sim.effects, SimEffect(name=LIFT_OFF)]
     return msgspec.structs.replace(config, sim=msgspec.structs.replace(config.sim, effects=effects))
+
+
+def _inner_px(config: Config, model: ModelFile) -> float:
+    """Where the rig's picture shows a ball on the inner hoop; 0: it has none."""
+    inner, v = model.device.inner, model.values()
+    if inner is None:
+        return 0.0
+    return config.vision.circle_px.radius * (inner.radius_m + v["Rb"]) / (v["Ro"] - v["Rb"])
 
 
 def _longest(asked: AskedManeuver, options: Options) -> float | None:
@@ -194,6 +205,7 @@ def _attempt(
         "largest_angle_rad": _number(outcome.largest_angle_rad),
         "loose_s": _number(outcome.loose_s),
         "least_distance": _number(outcome.least_distance),
+        "top_s": _number(outcome.top_s),
         "shortfalls": list(short),
         "success": reason == DONE and not short,
     }

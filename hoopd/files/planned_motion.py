@@ -53,6 +53,7 @@ class PlannedMotionEntry(msgspec.Struct, kw_only=True, frozen=True, forbid_unkno
     unmodelled: Annotated[float, Meta(ge=0, le=LARGEST_UNMODELLED)] = 0.0
     suspends: list[str] = []  # rows of the fault table that the plan itself would raise
     flight: FlightEntry | None = None
+    let_down: bool = False  # it ends on top of the inner hoop: the ball falls, and it is over when all is calm
 
 
 def planned_motion_entry(gains: dict[str, Any]) -> PlannedMotionEntry:
@@ -79,5 +80,6 @@ def tracker_of(entry: PlannedMotionEntry) -> MotionTracker:
         unmodelled=entry.unmodelled,
         suspends=entry.suspends,
         flight=None if entry.flight is None else flight_ticks(entry.flight),
+        let_down=entry.let_down,
     )
     return MotionTracker(plan)

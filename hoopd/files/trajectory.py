@@ -34,7 +34,7 @@ class TrajectoryFile(Strict, frozen=True):
 
     schema: Literal["hoopd.trajectory/1"]
     name: str
-    maneuver: Literal["loop", "swing", "throw"]
+    maneuver: Literal["loop", "swing", "throw", "up"]
     model: str
     model_sha256: str  # of the model file's bytes
     sample_time_s: float

@@ -13,7 +13,7 @@ import numpy as np
 from hoopd.core.health import Thresholds
 from hoopd.gym.hidden_physics import HiddenPhysics
 from hoopd.gym.hoop_env import HoopEnv
-from hoopd.gym.tasks import BOTTOM, Moment
+from hoopd.gym.tasks import BOTTOM, Moment, task_of
 from hoopd.sim.plant import RigPlant
 
 
@@ -23,9 +23,9 @@ class PlantEnv(HoopEnv):
     Parameters
     ----------
     task : str
-        bottom, loop or throw.
-    model : Path
-        A model file; a shipped one by its name.
+        bottom, loop, throw or up.
+    model : Path, optional
+        A model file; a shipped one by its name; the task's own without.
     effects : mapping
         Physics beside the model's, by `slot.effect` with its numbers.
     spread : float
@@ -44,11 +44,11 @@ class PlantEnv(HoopEnv):
         self,
         task: str = BOTTOM,
         *,
-        model: Path | str = "models/hoop.yaml",
+        model: Path | str | None = None,
         effects: Mapping[str, Mapping[str, float]] | None = None,
         spread: float = 0.0,
     ) -> None:
-        physics = HiddenPhysics(Path(model), effects or {}, spread)
+        physics = HiddenPhysics(Path(model or task_of(task).model), effects or {}, spread)
         file = physics.file()
         super().__init__(task, physics, file.device.torque_limit_nm, file.sample_time_s)
         self._fastest = Thresholds().hoop_speed_rad_s

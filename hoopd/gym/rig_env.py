@@ -20,7 +20,7 @@ from hoopd.daemon.build import Texts, read_texts
 from hoopd.daemon.stepped_rig import SteppedRig
 from hoopd.gym.hidden_physics import HiddenPhysics
 from hoopd.gym.hoop_env import Array, HoopEnv, observation
-from hoopd.gym.tasks import BOTTOM, Moment
+from hoopd.gym.tasks import BOTTOM, Moment, task_of
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.model_file import effects_of, parse_model
 from hoopd.plants.numeric_plant import NumericPlant
@@ -58,13 +58,15 @@ class RigEnv(HoopEnv):
         self,
         task: str = BOTTOM,
         *,
-        model: Path | str = "models/hoop.yaml",
+        model: Path | str | None = None,
         effects: Mapping[str, Mapping[str, float]] | None = None,
         spread: float = 0.0,
         config: Path | None = None,
         sets: tuple[str, ...] = (),
     ) -> None:
-        physics = HiddenPhysics(Path(model), effects or {}, spread)
+        if not task_of(task).over_rig:
+            raise ValueError(f"{task} is over the plant alone: over the rig an agent is not shown enough of it")
+        physics = HiddenPhysics(Path(model or task_of(task).model), effects or {}, spread)
         quiet = ("telemetry.enabled=false", "commands.enabled=false")
         self._config: Config = configuration.load(config, sim=True, overrides=[*quiet, *sets])
         self._texts: Texts = read_texts(self._config, config)

@@ -19,9 +19,13 @@ from typing import NamedTuple
 from hoopd.core.faulttable import SUSPENDABLE, SUSPENDABLE_IN_FLIGHT
 from hoopd.plants.hoop.maneuver.judgement import SETTLED_HOOP_RAD_S, SETTLED_RAD
 
-BOTTOM, LOOP, THROW = "bottom", "loop", "throw"
+BOTTOM, LOOP, THROW, UP = "bottom", "loop", "throw", "up"
 # Settled for so long, it stays there.
 SETTLED_S = 0.5
+# On the inner hoop a ball is nearer to the axis than in a flight that is about to touch the outer one.
+ON_INNER = 0.85
+# On its top: so near to it, for so long.
+TOP_RAD, TOP_S = 0.2, 2.0
 # A flight that no bounce is: a ball that falls freely comes down by 12 cm, more than the hoop's radius.
 FLIGHT_S = 0.1
 # Rows that a ball raises which goes round the hoop.
@@ -59,6 +63,8 @@ class GymTask:
     start_rad: float  # the ball begins at rest, this far from the bottom at most
     judge: Callable[[float], TryJudge]  # of a try, from the length of a tick
     suspends: tuple[str, ...] = ()  # rows of the fault table that the task itself would raise
+    model: str = "models/hoop.yaml"  # whose plant it is of
+    over_rig: bool = True  # the rig's filter and sensors can do it, too
 
 
 class TryJudge:
@@ -134,11 +140,31 @@ class ThrowJudge(TryJudge):
         return ""
 
 
+class UpJudge(TryJudge):
+    """On the inner hoop and near its top, for long enough."""
+
+    def __init__(self, tick_s: float) -> None:
+        super().__init__(tick_s)
+        self._up_since = inf
+
+    def _off(self, m: Moment) -> float:
+        return abs((m.ball_angle % tau) - pi)
+
+    def _succeeded(self, m: Moment) -> bool:
+        up = m.distance < ON_INNER and self._off(m) <= TOP_RAD
+        self._up_since = min(self._up_since, m.t) if up else inf
+        return m.t - self._up_since >= TOP_S
+
+    def _failed(self, m: Moment) -> str:
+        return ""
+
+
 TASKS: Mapping[str, GymTask] = MappingProxyType(
     {
         BOTTOM: GymTask(BOTTOM, 10.0, 1.0, TryJudge),
         LOOP: GymTask(LOOP, 6.0, 0.05, LoopJudge, suspends=ROUND),
         THROW: GymTask(THROW, 8.0, 0.05, ThrowJudge, suspends=(*ROUND, *sorted(SUSPENDABLE_IN_FLIGHT))),
+        UP: GymTask(UP, 10.0, 0.05, UpJudge, model="models/inner_hoop.yaml", over_rig=False),
     }
 )
 

@@ -78,6 +78,7 @@ def trajectory(
     seconds: float | None = None,
     angle: float = 1.0,
     flight: float = 0.18,
+    hold: float = 3.0,
     turn: int = 1,
     max_torque: float | None = None,
     max_speed: float = 40.0,
@@ -89,7 +90,8 @@ def trajectory(
     Parameters
     ----------
     kind : str
-        loop: once round the hoop; swing: to an angle and back; throw: off the hoop and caught.
+        loop: once round the hoop; swing: to an angle and back; throw: off the hoop and caught; up: onto the top of an
+        inner hoop.
     model : Model, str or Path
         A model, its shipped name, or its file's path; effects in a file are part of the plan.
     seconds : float, optional
@@ -98,6 +100,8 @@ def trajectory(
         swing: how far out, in rad.
     flight : float
         throw: how long the ball is in the air, in s; whole ticks.
+    hold : float
+        up: how long the ball is held on the top, in s.
     turn : int
         1 or -1: which way round, as the ball's angle counts.
     max_torque : float, optional
@@ -128,7 +132,7 @@ def trajectory(
     """
     path = Path(model.name) if isinstance(model, Model) else shipped("models", model)
     asked = from_python(
-        TrajectoryOptions, kind=kind, model=path, seconds=seconds, angle=angle, flight=flight, turn=turn,
+        TrajectoryOptions, kind=kind, model=path, seconds=seconds, angle=angle, flight=flight, hold=hold, turn=turn,
         max_torque=max_torque, max_speed=max_speed, contact=contact, grip=grip,
     )  # fmt: skip
     if not isinstance(model, Model):

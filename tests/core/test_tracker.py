@@ -88,6 +88,16 @@ def test_outside_of_its_envelope_the_hoop_is_braked_and_never_driven_again(x: Se
     assert law.update(measured([0.2, 1.0, 0.1, 1.0], 0.06))[0] == 0.0 and law.ended.startswith("given up: ")
 
 
+def test_a_plan_that_ends_on_top_lets_the_ball_down_and_is_done_when_all_is_calm() -> None:
+    law = MotionTracker(planned(let_down=True, suspends=("ball_runaway",)))
+    asked(law, *STATES[:3])
+    assert law.update(measured([0.3, 4.0, 0.1, 0.0], 0.06))[0] == pytest.approx(-0.02) and law.ended == ""
+    # whatever the ball does meanwhile, and the plan's rows stay suspended
+    assert law.update(measured([0.3, 4.0, 1.5, 20.0], 0.08))[0] < 0.0 and law.suspended == ("ball_runaway",)
+    assert law.update(measured([0.3, 1.0, 0.1, 1.0], 0.10))[0] == 0.0 and law.ended == DONE
+    assert law.suspended == ()
+
+
 def test_without_an_estimate_there_is_no_torque_at_all() -> None:
     law = MotionTracker(planned())
     law.update(measured(STATES[0]))

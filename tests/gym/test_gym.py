@@ -132,7 +132,7 @@ def test_parameters_are_drawn_anew_in_every_try() -> None:
 
 
 def test_what_cannot_be_meant_is_one_line() -> None:
-    with pytest.raises(ValueError, match="unknown task 'juggle'; known: bottom, loop, throw"):
+    with pytest.raises(ValueError, match="unknown task 'juggle'; known: bottom, loop, throw, up"):
         hoops.make("juggle")
     with pytest.raises(ValueError, match="over must be plant or rig"):
         hoops.make("bottom", "device")
@@ -166,6 +166,26 @@ def test_what_our_planner_planned_does_the_task(kind: str, over: str) -> None:
         assert not cut, info
     env.close()
     assert info["success"], info
+
+
+def test_up_is_done_by_our_plan_and_by_nothing_that_stays_below() -> None:
+    model = load_model(SHIPPED / "models/inner_hoop.yaml")
+    planned = plan_trajectory(model, ManeuverQuestion("up", MotionLimits(0.45, 40.0, 0.5, 0.6)))
+    env = hoops.make("up")
+    seen, _ = env.reset(seed=2, options={"ball_rad": 0.0})
+    rows, info = zip(planned.gains, planned.motion.states, planned.motion.inputs, strict=False), {}
+    for gains, state, torque in rows:
+        angle = np.arctan2(seen[1], seen[2])
+        angle += 2 * np.pi * round((state[2] - angle) / (2 * np.pi))
+        off = np.array([0.0, seen[0], angle, seen[3]]) - state
+        seen, reward, over, _, info = env.step(np.array([torque - gains @ off], np.float32))
+        if over:
+            break
+    assert info["success"] and seen[5] < 0.7 and reward > 9.0
+    _, idle = played(env, lambda seen: np.zeros(1, np.float32), ball_rad=0.0)
+    assert not idle["success"]
+    with pytest.raises(ValueError, match="up is over the plant alone"):
+        hoops.make("up", "rig")
 
 
 def test_a_throw_needs_a_flight_and_a_catch() -> None:

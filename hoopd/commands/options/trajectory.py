@@ -16,7 +16,9 @@ from hoopd.commands.options.shared import figure_option, json_option, model_opti
 def kind_argument() -> Any:
     """Which maneuver."""
     return argument(
-        "loop: once round the hoop; swing: to an angle and back; throw: off the hoop and caught.", metavar="KIND"
+        "loop: once round the hoop; swing: to an angle and back; throw: off the hoop and caught; "
+        "up: onto the top of an inner hoop.",
+        metavar="KIND",
     )
 
 
@@ -55,6 +57,7 @@ class TrajectoryOptions:
     flight_s: float = option(
         "--flight", text="throw: how long the ball is in the air, in s; whole ticks, 0.06 to 0.22.", default=0.18
     )
+    hold_s: float = option("--hold", text="up: how long the ball is held on the top, in s.", default=3.0)
     turn: int = option("--turn", text="1 or -1: which way round, as the angle counts.", default=1)
     torque_nm: float | None = torque_option()
     hoop_speed_rad_s: float = speed_limit_option()

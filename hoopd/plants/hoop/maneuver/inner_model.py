@@ -53,6 +53,12 @@ class InnerModel:
         """Radius of the path of the ball's centre."""
         return float(self.found.values[RADIUS] + self.found.values["Rb"])
 
+    @property
+    def spin_inertia(self) -> float:
+        """Of the ball, kg m2."""
+        at_rest = self.modes.rolling.plant.point(np.zeros(self.modes.rolling.nx), self.found.values)
+        return float(contact_of(self.structure)(at_rest).spin_inertia)
+
     @cached_property
     def rate(self) -> ca.Function:
         """(x, u) -> dx/dt."""

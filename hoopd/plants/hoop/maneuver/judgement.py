@@ -5,7 +5,7 @@ Rules of this file: arrays in, a record out; nothing is read, nothing is believe
 
 from __future__ import annotations
 
-from math import inf, isnan, nan, tau
+from math import inf, isnan, nan, pi, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ SETTLED_RAD, SETTLED_HOOP_RAD_S = 0.1, 3.0
 SETTLE_WITHIN_S = 2.0
 # Of a throw, three ticks: in 0.06 s a ball falls by 18 mm, a fifth of the way across.
 LEAST_FLIGHT_S = 0.05
+# On the top of the inner hoop: so near to it, at once for so long.
+TOP_RAD, LEAST_TOP_S = 0.3, 1.0
 # A ball on the hoop is seen within a fiftieth of its track.
 OFF_TRACK = 0.95
 
@@ -72,6 +74,8 @@ class ManeuverOutcome(NamedTuple):
         How long the ball moved, for its longest time at once, as none does that a hoop holds.
     least_distance : float
         Of the ball from the axis while it was played, as of the recording; NaN where no picture told it.
+    top_s : float
+        How long the camera saw the ball near the top, for its longest time at once.
     """
 
     turns: int
@@ -80,6 +84,7 @@ class ManeuverOutcome(NamedTuple):
     largest_angle_rad: float
     loose_s: float
     least_distance: float = nan
+    top_s: float = 0.0
 
     @property
     def flew(self) -> bool:
@@ -90,13 +95,15 @@ class ManeuverOutcome(NamedTuple):
         """What a maneuver of this kind lacks to be one; empty: it succeeded."""
         wanted = 0 if kind == "swing" else turn
         found = []
-        if self.turns != wanted:
+        if kind != "up" and self.turns != wanted:
             found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
         if isnan(self.least_contact):
             return ("too little was recorded of it",)
         if kind == "throw" and not self.flew:
             found.append("the ball did not leave the hoop")
-        if kind != "throw" and not self.least_contact > 0.0:
+        if kind == "up" and not (self.flew and self.top_s >= LEAST_TOP_S):
+            found.append(f"on the top for {self.top_s:.2f} s, not {LEAST_TOP_S:g}")
+        if kind not in ("throw", "up") and not self.least_contact > 0.0:
             found.append(f"the contact was lost ({self.least_contact:.2f} of the ball's weight)")
         if not self.settled_s <= SETTLE_WITHIN_S:
             found.append(f"not settled within {SETTLE_WITHIN_S:g} s")
@@ -121,8 +128,9 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     >>> from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
     >>> t = np.arange(0.0, 3.0, 0.02)
     >>> rest = RecordedManeuver(t, 0 * t, np.zeros((150, 4)), t, 0 * t, 1.0)
-    >>> judge_maneuver(rest, 0.085, 9.81)
-    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0, loose_s=0.0, least_distance=nan)
+    >>> judge_maneuver(rest, 0.085, 9.81)  # doctest: +NORMALIZE_WHITESPACE
+    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0, loose_s=0.0, least_distance=nan,
+                    top_s=0.0)
     """
     played, after = run.t <= run.ended_t, run.t > run.ended_t
     ball = run.seen[np.isfinite(run.seen)]
@@ -138,7 +146,15 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     turns = round((bottom - float(ball[0])) / tau)
     loose = _longest(run.t[played], contact < 0.0)
     near = nan if run.distance is None else float(np.fmin.reduce(run.distance[played]))
-    return ManeuverOutcome(turns, float(contact.min()), settled_s, float(np.abs(ball - ball[0]).max()), loose, near)
+    largest = float(np.abs(ball - ball[0]).max())
+    return ManeuverOutcome(turns, float(contact.min()), settled_s, largest, loose, near, _on_top(run, played))
+
+
+def _on_top(run: RecordedManeuver, played: NDArray[np.bool_]) -> float:
+    """How long at once, by the pictures; a tick without one goes on as the one before."""
+    seen = played & np.isfinite(run.seen)
+    off = np.abs(np.remainder(run.seen[seen], tau) - pi)
+    return _longest(run.t[seen], off < TOP_RAD)
 
 
 def _longest(t: Array, holds: NDArray[np.bool_]) -> float:

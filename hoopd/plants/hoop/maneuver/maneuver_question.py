@@ -1,4 +1,4 @@
-"""What may be asked of a plan: once round the hoop, a swing to an angle and back, a throw; how long, which way round.
+"""What may be asked of a plan: once round, a swing to an angle and back, a throw, up; how long, which way round.
 
 Rules of this file: a question checks itself and says where its motion begins and ends; nothing is solved here.
 """
@@ -16,8 +16,9 @@ from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 
 Array = NDArray[np.float64]
 
-LOOP, SWING, THROW = KINDS = ("loop", "swing", "throw")
+LOOP, SWING, THROW, UP = KINDS = ("loop", "swing", "throw", "up")
 LONGEST_S = 10.0
+LONGEST_HOLD_S = 8.0
 # Of a swing: beyond, the ball would have to stop where it falls off.
 LARGEST_SWING_RAD = 1.5
 
@@ -29,7 +30,7 @@ class ManeuverQuestion:
     Attributes
     ----------
     kind : str
-        loop, swing or throw.
+        loop, swing, throw or up.
     limits : MotionLimits
         What the plan keeps.
     angle_rad : float
@@ -42,6 +43,8 @@ class ManeuverQuestion:
         1 or -1: which way round, as psi counts.
     flight_s : float
         Of a throw: how long the ball is in the air, whole ticks.
+    hold_s : float
+        Up: how long the ball is held on the top.
     """
 
     kind: str
@@ -51,6 +54,7 @@ class ManeuverQuestion:
     tick_s: float = 0.02
     turn: int = 1
     flight_s: float = 0.18
+    hold_s: float = 3.0
 
     def __post_init__(self) -> None:
         """ValueError for a question that has no answer."""
@@ -62,8 +66,10 @@ class ManeuverQuestion:
             raise ValueError(f"angle must be above 0 and at most {LARGEST_SWING_RAD:g} rad, not {self.angle_rad:g}")
         if self.kind == THROW and not self._is_whole_ticks(self.flight_s):
             raise ValueError(f"flight must be whole ticks of {self.tick_s:g} s, not {self.flight_s:g}")
-        if self.kind == THROW and self.seconds is not None:
+        if self.kind in (THROW, UP) and self.seconds is not None:
             raise ValueError("seconds cannot be told of a throw: its parts take the time that suits them")
+        if self.kind == UP and not 0.0 < self.hold_s <= LONGEST_HOLD_S:
+            raise ValueError(f"hold must be above 0 and at most {LONGEST_HOLD_S:g} s, not {self.hold_s:g}")
         if self.seconds is not None and not 10 * self.tick_s <= self.seconds <= LONGEST_S:
             raise ValueError(f"seconds must be {10 * self.tick_s:g} to {LONGEST_S:g}, not {self.seconds:g}")
 

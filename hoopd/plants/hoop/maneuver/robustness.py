@@ -30,7 +30,7 @@ class PlayResult(NamedTuple):
     """What became of a plan on other parameters."""
 
     contact: float  # least force, weights of the ball
-    end_rad: float  # angle from the bottom at the end
+    end_rad: float  # angle from the plan's end
     torque_nm: float  # largest
     hoop_speed_rad_s: float  # largest
     flown_s: float | None = None  # of a throw: the longest flight
@@ -90,10 +90,10 @@ def played(tracker: PlanTracker, plan: PlayedPlan, changes: Mapping[str, float])
     """One run with some parameters changed."""
     play = tracker.thrown if plan.throw else tracker.run
     run: TrackedRun = play(*plan[:-1], changes)
-    end = float(run.states[-1, 2])
+    off = float(run.states[-1, 2] - plan.states[-1, 2])
     return PlayResult(
         run.contact,
-        end - tau * round(end / tau),
+        off - tau * round(off / tau),
         float(np.abs(run.inputs).max()),
         float(np.abs(run.states[:, 1]).max()),
         run.flown_s if plan.throw else None,

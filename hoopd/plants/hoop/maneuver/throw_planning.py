@@ -59,10 +59,10 @@ def plan_throw(model: PlanningModel, question: ManeuverQuestion) -> ThrowParts:
     p = {name: float(value) for name, value in model.parameters.items()}
     flight = flight_of(question.flight_s, p["Ro"] - p["Rb"], p["g"])
     off = np.array([nan, nan, question.turn * flight.off_rad, question.turn * flight.off_rad_s])
-    run_up = _part(model, _without_margin(question), MotionEnds(np.zeros(4), off), RUN_UP_S, "run-up")
+    run_up = outer_part(model, without_margin(question), MotionEnds(np.zeros(4), off), RUN_UP_S, "run-up of a throw")
     air = _air(model, question, run_up.states[-1], flight)
     rest = np.array([nan, 0.0, question.turn * tau, 0.0])
-    back = _part(model, question, MotionEnds(air.landed, rest), CATCH_S, "way back")
+    back = outer_part(model, question, MotionEnds(air.landed, rest), CATCH_S, "way back of a throw")
     ticks = (len(run_up.inputs), len(air.torques), len(back.inputs))
     motion = run_up._replace(
         states=np.vstack([run_up.states[:-1], air.states[:-1], back.states]),
@@ -73,27 +73,27 @@ def plan_throw(model: PlanningModel, question: ManeuverQuestion) -> ThrowParts:
     return ThrowParts(motion, flight, ticks)
 
 
-def _without_margin(question: ManeuverQuestion) -> ManeuverQuestion:
+def without_margin(question: ManeuverQuestion) -> ManeuverQuestion:
     """Where the contact's force ends, so does its grip."""
     return replace(question, limits=replace(question.limits, contact=NO_MARGIN, grip=inf))
 
 
-def _part(
+def outer_part(
     model: PlanningModel, question: ManeuverQuestion, ends: MotionEnds, first_s: float, name: str
 ) -> CollocatedMotion:
     """The motion of least effort between two ends, for the time that suits it, then for whole ticks of that."""
     groups = path_limits(model.structure, model.declared, question.limits, model.parameters, model.rate)
     problem = CollocationProblem(model.rate, groups, USUAL_TORQUE_NM)
-    near = problem.solve(ends, _straight(ends, whole_ticks(question, first_s), question.tick_s), question.tick_s,
+    near = problem.solve(ends, straight(ends, whole_ticks(question, first_s), question.tick_s), question.tick_s,
                          time_cost=TIME_COST)  # fmt: skip
     ticks = whole_ticks(question, near.seconds)
     found = problem.solve(ends, stretched(near, ticks, question.tick_s), question.tick_s)
     if not found.solved:
-        raise infeasible(found, f"no {name} of a throw")
+        raise infeasible(found, f"no {name}")
     return found
 
 
-def _straight(ends: MotionEnds, ticks: int, tick_s: float) -> Array:
+def straight(ends: MotionEnds, ticks: int, tick_s: float) -> Array:
     """A guess: from one end to the other, as the ball's ends have it."""
     share, seconds = np.linspace(0.0, 1.0, ticks + 1), ticks * tick_s
     states = np.zeros((ticks + 1, 4))
@@ -124,13 +124,13 @@ def _air(model: PlanningModel, question: ManeuverQuestion, off: Array, flight: P
     # rolling: by_theta theta' + by_psi psi' is the spin, which the air keeps
     c = contact_of(model.structure)(model.declared.point(off, p))
     change = -float(c.by_psi) * turn * (flight.on_rad_s - flight.off_rad_s) / float(c.by_theta)
-    torque, hoop = _hoop_alone(model, off, change, n, question.tick_s)
+    torque, hoop = hoop_alone(model, off, change, n, question.tick_s)
     states = np.column_stack([hoop, turn * seen[:, 0], turn * seen[:, 1]])
     landed = np.array([hoop[-1, 0], hoop[-1, 1], turn * flight.on_rad, turn * flight.on_rad_s])
     return _Air(np.full(n, torque), states, landed)
 
 
-def _hoop_alone(model: PlanningModel, off: Array, change: float, ticks: int, tick_s: float) -> tuple[float, Array]:
+def hoop_alone(model: PlanningModel, off: Array, change: float, ticks: int, tick_s: float) -> tuple[float, Array]:
     """A held torque that changes the hoop's speed by so much, and theta, theta' on the way: secants on the flight."""
     found = flying_model(model)
     modes = ContactModes(found.plant, found.effects())

@@ -20,13 +20,16 @@ from hoopd.files.planned_motion import FlightEntry, PlannedMotionEntry, Toleranc
 from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded
 from hoopd.plants.collocation import CollocatedMotion
 from hoopd.plants.hoop.loop.writeback import limits_of
-from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, SWING, THROW, ManeuverQuestion
+from hoopd.plants.hoop.maneuver.balance import TOP_WEIGHTS
+from hoopd.plants.hoop.maneuver.inner_model import InnerModel
+from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, SWING, THROW, UP, ManeuverQuestion
 from hoopd.plants.hoop.maneuver.planning import InfeasibleError, plan_motion
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
 from hoopd.plants.hoop.maneuver.robustness import PlayedPlan, PlayResult, by_parameter, played, sampled
 from hoopd.plants.hoop.maneuver.throw_planning import plan_throw
 from hoopd.plants.hoop.maneuver.tracked_run import PlanTracker
 from hoopd.plants.hoop.maneuver.tracking import TrackingWeights, hoop_gain, tracking_gains
+from hoopd.plants.hoop.maneuver.up_planning import plan_up
 from hoopd.plants.model_file import effects_of
 
 Array = NDArray[np.float64]
@@ -116,13 +119,10 @@ def _planned(
     question: ManeuverQuestion,
     weights: TrackingWeights,
 ) -> PlannedTrajectory:
-    motion, gains, flight = _fed_back(planning, question, weights)
+    motion, gains, flight, inner = _fed_back(planning, question, weights)
     limit_nm, thrown = model.device.torque_limit_nm, flight is not None
     plan = PlayedPlan(motion.states, motion.inputs, gains, motion.tick_s, limit_nm, thrown)
-    contact, friction = (one.full().ravel() for one in planning.pressed(motion.states[:-1].T, motion.inputs[None]))
-    if flight is not None:
-        held = _held(len(contact), flight)
-        contact, friction = np.where(held, contact, np.nan), np.where(held, friction, np.nan)
+    contact, friction = _pressed(planning, motion, flight, inner)
     play = tracker.run if flight is None else tracker.thrown
     alone = play(*plan._replace(gains=np.zeros_like(gains))[:-1])
     return PlannedTrajectory(
@@ -139,14 +139,39 @@ def _planned(
     )
 
 
+def _pressed(
+    planning: PlanningModel, motion: CollocatedMotion, flight: tuple[int, int] | None, inner: InnerModel | None
+) -> tuple[Array, Array]:
+    """Force and friction of the contact along a motion, weights of the ball; none in the air."""
+
+    def along(model: PlanningModel | InnerModel) -> tuple[Array, Array]:
+        force, friction = (one.full().ravel() for one in model.pressed(motion.states[:-1].T, motion.inputs[None]))
+        return force, friction
+
+    contact, friction = along(planning)
+    if flight is None:
+        return contact, friction
+    after = along(planning if inner is None else inner)
+    edges = np.arange(len(contact))
+    before, behind = edges < flight[0], edges >= flight[1]
+    contact, friction = (
+        np.where(before, outer, np.where(behind, other, np.nan))
+        for outer, other in zip((contact, friction), after, strict=True)
+    )
+    return contact, friction
+
+
 def _fed_back(
     planning: PlanningModel, question: ManeuverQuestion, weights: TrackingWeights
-) -> tuple[CollocatedMotion, Array, tuple[int, int] | None]:
-    """A motion with its gains, and the ticks in which it is a flight: there the hoop alone is fed back."""
+) -> tuple[CollocatedMotion, Array, tuple[int, int] | None, InnerModel | None]:
+    """A motion with its gains, the ticks in which it is a flight (there the hoop alone is fed back), and the model of
+    what comes after where that is the inner hoop."""
     step = planning.step(question.tick_s)
+    if question.kind == UP:
+        return _fed_back_up(planning, question, weights)
     if question.kind != THROW:
         motion = plan_motion(planning, question)
-        return motion, tracking_gains(planning.step(motion.tick_s), motion.states, motion.inputs, weights), None
+        return motion, tracking_gains(planning.step(motion.tick_s), motion.states, motion.inputs, weights), None, None
     throw = plan_throw(planning, question)
     off, on = throw.ticks[0], throw.ticks[0] + throw.ticks[1]
     states, inputs = throw.motion.states, throw.motion.inputs
@@ -154,13 +179,25 @@ def _fed_back(
     gains[:off] = tracking_gains(step, states[: off + 1], inputs[:off], weights)
     gains[off:on, 1] = hoop_gain(planning.hoop_inertia, question.tick_s, weights)
     gains[on:] = tracking_gains(step, states[on:], inputs[on:], weights)
-    return throw.motion, gains, (off, on)
+    return throw.motion, gains, (off, on), None
 
 
-def _held(ticks: int, flight: tuple[int, int]) -> NDArray[np.bool_]:
-    """Edges at which the hoop holds the ball: it lets it go at the first one of the flight."""
-    edges = np.arange(ticks)
-    return np.asarray((edges < flight[0]) | (edges >= flight[1]))
+def _fed_back_up(
+    planning: PlanningModel, question: ManeuverQuestion, weights: TrackingWeights
+) -> tuple[CollocatedMotion, Array, tuple[int, int], InnerModel]:
+    """The motion to the top, and so many ticks of rest there."""
+    up, hold = plan_up(planning, question), round(question.hold_s / question.tick_s)
+    off, on = up.ticks[0], up.ticks[0] + up.ticks[1]
+    top = up.motion.states[-1]
+    motion = up.motion._replace(
+        states=np.vstack([up.motion.states, np.tile(top, (hold, 1))]),
+        inputs=np.concatenate([up.motion.inputs, np.zeros(hold)]),
+    )
+    gains, inner_step = np.zeros((len(motion.inputs), 4)), up.inner.step(question.tick_s)
+    gains[:off] = tracking_gains(planning.step(question.tick_s), motion.states[: off + 1], motion.inputs[:off], weights)
+    gains[off:on, 1] = hoop_gain(planning.hoop_inertia, question.tick_s, weights)
+    gains[on:] = tracking_gains(inner_step, motion.states[on:], motion.inputs[on:], TOP_WEIGHTS, top)
+    return motion, gains, (off, on), up.inner
 
 
 def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, name: str) -> TrajectoryFile:
@@ -186,6 +223,7 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
         unmodelled=_short(_unmodelled(motion)),
         suspends=suspends,
         flight=None if planned.flight_ticks is None else _flight_entry(planned.flight_ticks),
+        let_down=question.kind == UP,
     )
     limits = question.limits
     kept = KeptLimits(
@@ -197,7 +235,7 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
     return TrajectoryFile(
         schema="hoopd.trajectory/1",
         name=name,
-        maneuver=cast("Literal['loop', 'swing', 'throw']", question.kind),
+        maneuver=cast("Literal['loop', 'swing', 'throw', 'up']", question.kind),
         model=model,
         model_sha256=model_sha256,
         sample_time_s=motion.tick_s,
@@ -232,7 +270,7 @@ def report_of(planned: PlannedTrajectory) -> dict[str, Any]:
         "largest_ball_speed_rad_s": _short(np.abs(motion.states[:, 3]).max()),
         "least_contact": _short(np.nanmin(planned.contact)),
         "needed_grip": _short(np.nanmax(planned.grip)),
-        **({} if planned.flight_ticks is None else {"flight_s": _short(planned.question.flight_s)}),
+        **_told_flight(planned),
         "open_loop_end_rad": _short(planned.open_loop_end[2]),
         "tracked": _row(planned.nominal),
         "sensitivity": {name: _row(one) for name, one in planned.by_parameter.items()},
@@ -240,6 +278,16 @@ def report_of(planned: PlannedTrajectory) -> dict[str, Any]:
         "sampled_models_arrived": arrived,
         "sampled_least_contact": _short(min(one.contact for one in planned.sampled)),
     }
+
+
+def _told_flight(planned: PlannedTrajectory) -> dict[str, float]:
+    """How long it flies; up, how long it stays there."""
+    if planned.flight_ticks is None:
+        return {}
+    if planned.question.kind == UP:
+        seconds = planned.motion.tick_s * (planned.flight_ticks[1] - planned.flight_ticks[0])
+        return {"flight_s": _short(seconds), "hold_s": _short(planned.question.hold_s)}
+    return {"flight_s": _short(planned.question.flight_s)}
 
 
 def _row(one: PlayResult) -> dict[str, float]:
