@@ -7,6 +7,7 @@ behind the same limits, faults and modes. What was recorded stays, and the judge
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from itertools import pairwise
 from math import hypot, inf, isfinite, nan
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 from hoopd.core.controllers import DONE
 from hoopd.core.modes import Mode
+from hoopd.core.records import TickRecord
 from hoopd.core.succession import EXPERIMENT
 from hoopd.daemon.app import Options, check_options, perform
 from hoopd.daemon.build import Texts, model_path, read_texts
@@ -28,8 +30,10 @@ from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
+from hoopd.plants.hoop.effects.contact_modes import AIR
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
+from hoopd.plants.hoop.maneuver.restitution import RecordedThrow
 from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import RecordedRun, read_run
 from hoopd.shell import config as configuration
@@ -37,6 +41,8 @@ from hoopd.shell.config import Config, SimEffect
 
 # A repeat of one maneuver at most as long as it may take: rest, plan, brake of one that is given up, settling.
 BRAKE_S = 4.0
+# A throw to be looked into: from so many ticks before its flight, for so many; bounces are no other throw.
+BEFORE_TICKS, THROW_TICKS, APART_S = 2, 22, 1.0
 
 
 class AskedManeuver(NamedTuple):
@@ -160,6 +166,23 @@ def recorded_maneuvers(run: RecordedRun) -> list[tuple[RecordedManeuver, str]]:
     edges = zip(pairwise([*began, inf]), [*ended, *missing], strict=False)
     found = [(_stretch(run, first, following, end_t), reason) for (first, following), (end_t, reason) in edges]
     return [(one, reason) for one, reason in found if len(one.t)]
+
+
+def recorded_throws(run: RecordedRun) -> list[RecordedThrow]:
+    """Every first flight of a maneuver, with its pictures and torques, from two ticks before it."""
+    found: list[RecordedThrow] = []
+    period_s = recorded_config("the recording", run.header.config).loop.period_s
+    for k in range(BEFORE_TICKS + 1, len(run.ticks)):
+        begins = run.ticks[k].ball_mode == AIR and run.ticks[k - 1].ball_mode not in ("", AIR)
+        if begins and (not found or run.ticks[k].t - found[-1].start_t > APART_S):
+            found.append(_throw(run, run.ticks[k - BEFORE_TICKS : k - BEFORE_TICKS + THROW_TICKS], period_s))
+    return found
+
+
+def _throw(run: RecordedRun, ticks: Sequence[TickRecord], period_s: float) -> RecordedThrow:
+    seen = [one.camera for one in run.inputs if one.camera is not None and isfinite(one.camera.distance)]
+    table = np.array([(c.t, c.direction, c.distance) for c in seen if ticks[0].t < c.t < ticks[-1].t]).reshape(-1, 3)
+    return RecordedThrow(np.array(ticks[0].x_hat), ticks[0].t, period_s, np.array([one.u for one in ticks]), *table.T)
 
 
 def judged(run: RecordedRun, trajectory: TrajectoryFile, model_text: str) -> list[dict[str, Any]]:

@@ -29,6 +29,13 @@ class ManeuverOptions:
         "--trajectory", text="Of `hoopd trajectory`; planned on the filter's model without.", metavar="FILE"
     )
     repeat: int = option("--repeat", min=1, max=1000, text="So often, one after another.", default=1)
+    practice: int = option(
+        "--practice",
+        min=0,
+        max=3,
+        text="throw: so many practice throws first, from which the restitution is identified and used in the plan.",
+        default=0,
+    )
     sim: bool = option("--sim", text="On the simulated rig.", default=False)
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()

@@ -6,7 +6,7 @@ Rules of this file: plays plans on other parameters and counts; what follows fro
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import tau
+from math import isfinite, nan, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -93,7 +93,7 @@ def played(tracker: PlanTracker, plan: PlayedPlan, changes: Mapping[str, float])
     off = float(run.states[-1, 2] - plan.states[-1, 2])
     return PlayResult(
         run.contact,
-        off - tau * round(off / tau),
+        off - tau * round(off / tau) if isfinite(off) else nan,
         float(np.abs(run.inputs).max()),
         float(np.abs(run.states[:, 1]).max()),
         run.flown_s if plan.throw else None,

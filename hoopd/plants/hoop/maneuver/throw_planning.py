@@ -18,11 +18,18 @@ from numpy.typing import NDArray
 
 from hoopd.plants.collocation import CollocatedMotion, CollocationProblem, MotionEnds
 from hoopd.plants.hoop.contact import contact_of
-from hoopd.plants.hoop.effects.contact_modes import ROLLING, ContactModes
+from hoopd.plants.hoop.effects.contact_modes import ROLLING, ContactCourse, ContactModes
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import path_limits
 from hoopd.plants.hoop.maneuver.planned_flight import PlannedFlight, flight_of, seen_from_the_axis
-from hoopd.plants.hoop.maneuver.planning import TIME_COST, USUAL_TORQUE_NM, infeasible, stretched, whole_ticks
+from hoopd.plants.hoop.maneuver.planning import (
+    TIME_COST,
+    USUAL_TORQUE_NM,
+    InfeasibleError,
+    infeasible,
+    stretched,
+    whole_ticks,
+)
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel, flying_model
 
 Array = NDArray[np.float64]
@@ -32,6 +39,8 @@ RUN_UP_S, CATCH_S = 0.8, 0.8
 # Of a run-up no contact can be kept: it ends where the force does.
 NO_MARGIN = 0.0
 SECANTS, SAME_RAD_S = 4, 1e-6
+# After the touch: a ball of restitution 0.8 bounces for half a second.
+MOST_BOUNCING_TICKS = 30
 # Steps of a tick in the air.
 AIR_STEPS = 10
 
@@ -60,7 +69,7 @@ def plan_throw(model: PlanningModel, question: ManeuverQuestion) -> ThrowParts:
     flight = flight_of(question.flight_s, p["Ro"] - p["Rb"], p["g"])
     off = np.array([nan, nan, question.turn * flight.off_rad, question.turn * flight.off_rad_s])
     run_up = outer_part(model, without_margin(question), MotionEnds(np.zeros(4), off), RUN_UP_S, "run-up of a throw")
-    air = _air(model, question, run_up.states[-1], flight)
+    air = _with_bounces(model, question, run_up.states[-1], _air(model, question, run_up.states[-1], flight))
     rest = np.array([nan, 0.0, question.turn * tau, 0.0])
     back = outer_part(model, question, MotionEnds(air.landed, rest), CATCH_S, "way back of a throw")
     ticks = (len(run_up.inputs), len(air.torques), len(back.inputs))
@@ -128,6 +137,24 @@ def _air(model: PlanningModel, question: ManeuverQuestion, off: Array, flight: P
     states = np.column_stack([hoop, turn * seen[:, 0], turn * seen[:, 1]])
     landed = np.array([hoop[-1, 0], hoop[-1, 1], turn * flight.on_rad, turn * flight.on_rad_s])
     return _Air(np.full(n, torque), states, landed)
+
+
+def _with_bounces(model: PlanningModel, question: ManeuverQuestion, off: Array, air: _Air) -> _Air:
+    """The same until the ball rolls, where the model has a restitution: the hoop is left alone while it bounces."""
+    if not model.lift_off.get("restitution"):
+        return air
+    found, flown = flying_model(model), len(air.torques)
+    modes = ContactModes(found.plant, found.effects())
+    course = ContactCourse(modes, found.values, modes.rolling.beginning(off))
+    torques, states = [*air.torques, *[0.0] * MOST_BOUNCING_TICKS], [course.seen()[:4]]
+    for k, torque in enumerate(torques):
+        course.advance(torque, question.tick_s, k * question.tick_s)
+        states.append(course.seen()[:4])
+        if k + 1 >= flown and course.rolls:
+            return _Air(np.array(torques[: k + 1]), np.array(states), states[-1])
+    raise InfeasibleError(
+        "flight", 0.0, f"no throw: {MOST_BOUNCING_TICKS} ticks after its touch the ball still bounces"
+    )
 
 
 def hoop_alone(model: PlanningModel, off: Array, change: float, ticks: int, tick_s: float) -> tuple[float, Array]:
