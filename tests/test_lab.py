@@ -70,7 +70,7 @@ def test_a_changed_model_is_another_one_and_comes_back_from_its_file(thesis, tmp
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: lab.model("thesys"), "shipped are only hoop, thesis"),
+        (lambda: lab.model("thesys"), "shipped are only hoop, inner_hoop, thesis"),
         (lambda: lab.model("no/such.yaml"), "such.yaml"),
         (lambda: lab.model("thesis").with_parameters(bb=1.0), "bb: not a parameter of the entries model"),
         (lambda: lab.model("hoop").with_parameters(Ih=-1.0), "Ih: must be positive"),

@@ -49,8 +49,9 @@ def played(env: HoopEnv, agent: Callable[[Array], Array], **start: float) -> tup
     return total, info
 
 
-@pytest.mark.parametrize("over", ["plant", "rig"])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    ("task", "over"), [(name, over) for name in TASKS for over in ("plant", "rig") if over == "plant" or name != "up"]
+)
 def test_gymnasium_finds_nothing_wrong(task: str, over: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
