@@ -111,7 +111,7 @@ def _restore(options: HealOptions) -> dict[str, Any]:
     folder.check(number)
     answer = ask({"command": "controller", "key": version.key}, options.config, options.sets)
     folder.keep(version, time.time(), f"restored by {_user()}")
-    folder.acts(number)
+    folder.acts(version.acts_as)
     return {"version": number, "key": version.key, "mode": answer["mode"], "says": f"version {number} acts"}
 
 
@@ -290,7 +290,7 @@ class _FollowedDaemon:
         known = [one.number for one in self._folder.every() if one.key == key and one.accepted is not None]
         if known:
             if self._folder.loop().acting not in known:
-                self._folder.acts(known[-1])
+                self._folder.acts(known[0])
             return
         model = parse_loaded(ControllerLoader(self._config, self._options.config).load(key, "heal")).model
         self._folder.first(key, self._controllers.text(key), model, time.time(), _user())
@@ -299,10 +299,18 @@ class _FollowedDaemon:
         from hoopd.commands.heal_work import HealWorker
         from hoopd.dashboard.work.background import background
 
+        options = self._options
         return HealWorker(
-            folder=self._folder, recording=self._recording, lay_in=self._controllers.lay_in, by=plan.by,
-            jobs=self._options.jobs, grammar=self._options.grammar, memory=self._options.memory, prefix=background(),
-        )  # fmt: skip
+            folder=self._folder,
+            recording=self._recording,
+            lay_in=self._controllers.lay_in,
+            by=plan.by,
+            jobs=options.jobs,
+            grammar=options.grammar,
+            memory=options.memory,
+            prefix=background(),
+            short=background(waited_for=True),
+        )
 
     def _recording(self) -> Path:
         from hoopd.dashboard.experiments import recording_of

@@ -38,7 +38,8 @@ LayIn = Callable[[str, Path, Path], str]
 class HealWorker:
     """Does it, for one daemon.
 
-    `recording`: the file that the daemon writes now; `prefix`: what stands before a command of low priority.
+    `recording`: the file that the daemon writes now; `prefix`: what stands before a diagnosis, which gets the time that
+    nobody else wants; `short`: before what takes seconds.
     """
 
     folder: VersionFolder
@@ -50,6 +51,7 @@ class HealWorker:
     grammar: bool = False
     memory: Path | None = None
     prefix: Sequence[str] = ()
+    short: Sequence[str] = ()
 
     def work(self, work: HealWork) -> dict[str, Any]:
         """The result as plain data; `error` in it where nothing came of it."""
@@ -100,7 +102,7 @@ class HealWorker:
         controller, told = place / "controller.yaml", place / "design.json"
         if not told.exists():
             words: list[str | Path] = ["design", LAW, "--model", place / "model.yaml", "--out", controller]
-            run_step([*words, "--json", told], place / "design.log", prefix=self.prefix)
+            run_step([*words, "--json", told], place / "design.log", prefix=self.short)
 
     def _prove(self, work: HealWork) -> dict[str, Any]:
         """On seconds that were not fitted: the new model's filter, and those of earlier versions."""
@@ -138,7 +140,7 @@ class HealWorker:
 
     def _weigh(self, work: HealWork) -> dict[str, Any]:
         version = self.folder.read(work.number)
-        new = self.folder.of(work.number if version.restores is None else version.restores)
+        new = self.folder.of(version.acts_as)
         seconds = read_recording(f"{self.recording()}@{work.from_s:.3f}:{work.to_s:.3f}")
         return {**asdict(loop_costs(seconds, self.folder.of(version.before), new, self.by)), "from_s": work.from_s}
 
@@ -147,7 +149,7 @@ class HealWorker:
         if path.exists():
             return
         span = ("--from", f"{work.from_s:.3f}", "--to", f"{work.to_s:.3f}")
-        run_step(["convert", self.recording(), path, *span], path.with_suffix(".log"), prefix=self.prefix)
+        run_step(["convert", self.recording(), path, *span], path.with_suffix(".log"), prefix=self.short)
 
 
 def _day(begun: float) -> str:

@@ -7,6 +7,8 @@
                     |           |          |                                  |
                rolled back  went back  went back                           refused
 
+(`accepting` stands between weighing and settling, `rolling` between settling and rolled back: until the daemon tells.)
+
 A change is told by the daemon's own drift: by then at least `CERTAIN_S` seconds are of the changed loop, so that the
 minutes which are diagnosed begin there. What takes processor time (`HealWork`) is done by somebody else, at low
 priority, while the loop goes on; the seconds that pass meanwhile are the ones that nobody fitted, and prove it. A trial
@@ -141,6 +143,8 @@ class Healing:
             self._fault_ends(str(fields.get("fault")))
         elif event == CONTROLLER:
             self._took_over(fields)
+        elif event == "operator" and fields.get("command") == ACCEPT and self.phase == "accepting":
+            self._accepted()
         elif event == "trial_returned":
             self._returned(str(fields.get("reason", "")))
         elif event == "command_refused":
@@ -206,17 +210,17 @@ class Healing:
         if not open_ones:
             return
         self.version = one = open_ones[-1]
+        self._tell(f"going on with version {one.number}: {one.state}")
         if one.state == "trying":
             self._keep("proposed", "its trial was broken off: the daemon went back by itself")
+        if one.state == "proposed":
             self.phase = "proposed"
-        elif one.state == "proposed":
-            self.phase = "proposed"
+            self._ask_policy()
         elif one.run == self.run or (self.folder.of(one.number) / "evidence.mcap").exists():
             self.phase = "diagnosing"
             self._work = HealWork("diagnose", one.number, one.from_s, one.to_s)
         else:
             self._end("left", "its minutes were lost when it was broken off")
-        self._tell(f"going on with version {one.number}: {one.state}")
 
     def _enter_or_leave(self) -> None:
         """The law begins to act, or no longer does: minutes without it are none."""
@@ -246,12 +250,14 @@ class Healing:
         elif self.phase == "gathering" and self._seen.gathered_from is not None:
             if self._t - self._seen.gathered_from >= self.plan.window_s:
                 self._diagnose()
-        elif self.phase == "waiting" and passed >= 0.0 and self._running and self._t >= self._fresh_until():
+        elif self.phase == "waiting" and self._running and self._t >= self._fresh_until():
             self._prove()
         elif self.phase == "decided" and self._running and self._t - self._acts_since >= REST_S:
             self._ask_for_trial()
         elif self.phase == "asked" and passed > PATIENCE_S:
             self._end("refused", f"the daemon did not take it over within {PATIENCE_S:g} s")
+        elif self.phase == "accepting" and passed > BACK_S:
+            self._accepted()  # neither refused nor gone back: the word of it was lost
         elif self.phase == "trying" and passed >= ENTER_S + self.plan.trial_s:
             self._weigh(self._since + ENTER_S)
         elif self.phase == "settling" and passed >= self.plan.round_s:
@@ -352,22 +358,23 @@ class Healing:
         if self.phase == "asked" and ours and fields.get("command") == TRIAL:
             self._on_trial, self._alive_at = True, self._t
             self._enter("trying")
-        elif fields.get("command") == CONTROLLER and self.phase != "rolling":
-            self.stop("somebody else changed the controller: begin again with what acts now")
         elif self.phase == "rolling":
             self._end("rolled_back", self.version.reason if self.version else "")
+        elif fields.get("command") == CONTROLLER:
+            self.stop("somebody else changed the controller: begin again with what acts now")
+        elif self.phase in ("settling", "weighing") and not self._on_trial:
+            self._settle("no longer watched: somebody else tries another law")
 
     def _refused(self, command: str, reason: str) -> None:
         """The daemon did not take what was asked for; what acts stays."""
         if self.phase == "asked" and command == TRIAL:
             self._end("refused", f"the daemon: {reason}")
-        elif self.phase == "settling" and command == ACCEPT:
-            assert self.version is not None
-            self.folder.acts(self.version.before)
+        elif self.phase == "accepting" and command == ACCEPT:
+            self._on_trial = False
             self._end("went_back", f"it could not be accepted: {reason}")
         elif self.phase == "rolling" and command == CONTROLLER:
             assert self.version is not None
-            self.folder.acts(self.version.number)
+            self.folder.acts(self.version.acts_as)
             self._end("accepted", f"{self.version.reason}; the daemon did not take the one of before: {reason}")
 
     def _returned(self, reason: str) -> None:
@@ -392,24 +399,26 @@ class Healing:
                 self._on_trial = False
                 self._end("went_back", bad)
             else:
-                self._accept()
+                self._orders.append(WantedCommand(ACCEPT))
+                self._enter("accepting")
             return
         self._rounds, self._bad = self._rounds + 1, self._bad + 1 if bad else 0
         if self._bad >= BAD_ROUNDS:
             self._roll_back(bad)
         elif self._rounds >= SETTLING_ROUNDS:
-            self._settle()
+            self._settle(f"watched over {SETTLING_ROUNDS} rounds")
         else:
             self._keep("accepted")
             self._enter("settling")
 
-    def _accept(self) -> None:
+    def _accepted(self) -> None:
+        """The daemon has it; what it held against the model of before is over."""
         assert self.version is not None
         self._on_trial = False
-        self._orders += [WantedCommand(ACCEPT), WantedCommand("clear")]
+        self._orders.append(WantedCommand("clear"))
         self.version.accepted = self.clock()
         self._keep("accepted", f"accepted by {self.version.decided_by}: its cost is as promised")
-        self.folder.acts(self.version.number)
+        self.folder.acts(self.version.acts_as)
         self._seen = _Watched(faults=self._seen.faults)
         self._rounds = self._bad = self._fruitless = 0
         self._enter("settling")
@@ -424,9 +433,9 @@ class Healing:
         self._orders += [WantedCommand(CONTROLLER, key=before.key), WantedCommand("clear")]
         self.folder.acts(before.number)
 
-    def _settle(self) -> None:
+    def _settle(self, what: str) -> None:
         assert self.version is not None
-        self._keep("accepted", f"watched over {SETTLING_ROUNDS} rounds")
+        self._keep("accepted", what)
         self.version = None
         self._enter("watching")
 

@@ -62,6 +62,11 @@ class HealVersion(msgspec.Struct, kw_only=True):
     accepted: float | None = None
     history: list[tuple[float, str]] = []
 
+    @property
+    def acts_as(self) -> int:
+        """The version whose files act when this one does."""
+        return self.number if self.restores is None else self.restores
+
 
 class HealedLoop(msgspec.Struct, kw_only=True):
     """`hoopd.heal/1`: the device, and which version acts."""

@@ -84,6 +84,8 @@ class PlayedDaemon:
                 self.healing.note("controller", told)
             else:
                 self.healing.note("command_refused", {"command": order.name, "reason": "the model does not fit"})
+        if order.name == "accept":
+            self.healing.note("operator", {"command": "accept"})
         if order.name == "revert":
             self.healing.note("trial_returned", {"reason": REVERTED})
         if order.name == "clear":
@@ -114,7 +116,7 @@ def test_a_change_is_diagnosed_from_where_it_is_certain_tried_and_accepted_by_th
         130.0
     )
     daemon.run(100.0, lambda: daemon.state() == "accepted")
-    assert daemon.names == ["trial"] and [one.name for one in daemon.works] == ["diagnose", "prove", "weigh"]
+    assert daemon.names == ["trial", "accept"] and [one.name for one in daemon.works] == ["diagnose", "prove", "weigh"]
     # nothing that proves it was fitted
     assert daemon.works[1].from_s >= daemon.works[0].to_s
     alive = [t for t, order in daemon.orders if order.name == "alive"]
@@ -259,6 +261,31 @@ def test_interrupted_in_a_trial_it_asks_for_the_accepted_one(tmp_path: Path) -> 
     daemon.healing.stop("interrupted")
     daemon.run(1.0)
     assert daemon.names[-1] == "revert" and daemon.state() == "proposed"
+
+
+def test_an_earlier_version_that_explains_it_as_well_comes_back_in_place_of_a_new_one(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(
+        tmp_path / "healed", answers={"prove": {**PROVEN, "restores": 0, "key": "lqg.yaml@000000000000"}}
+    )
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state() == "accepted")
+    assert daemon.versions.loop().acting == 0 and daemon.versions.read(1).acts_as == 0
+
+
+def test_killed_in_a_trial_by_the_policy_it_is_tried_again(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+    again = PlayedDaemon(tmp_path / "healed")
+    again.run(100.0, lambda: again.state() == "accepted")
+    assert again.names == ["trial", "accept"] and again.versions.loop().acting == 1
+
+
+def test_killed_before_the_daemon_said_that_it_accepted_nothing_acts_but_what_did(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "accepting")
+    assert daemon.versions.loop().acting == 0 and daemon.state() == "trying"
 
 
 def test_a_pause_of_the_law_begins_the_minutes_anew(tmp_path: Path) -> None:
