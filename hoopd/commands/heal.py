@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hoopd.heal.versions import HealVersion, VersionFolder
     from hoopd.shell.config import Config
 
-LOOK_S, WAITING_S, AGAIN_S = 0.2, 10.0, 1.0
+LOOK_S, WAITING_S, AGAIN_S, LAST_S = 0.2, 10.0, 1.0, 5.0
 NICE = 5  # of this process; what it starts gets what nobody else wants
 LOCK = ".watched"
 
@@ -275,7 +275,7 @@ class _FollowedDaemon:
                 time.sleep(LOOK_S)
         except KeyboardInterrupt:
             healing.stop("interrupted")
-            supervisor.join(AGAIN_S)
+            supervisor.join(LAST_S)  # for the trial to be taken back
             raise
         finally:
             self._wanted.put(None)

@@ -28,6 +28,9 @@ from hoopd.plants.model_file import load_model
 from hoopd.recording.slices import read_recording
 
 LAW = "lqg"
+# A law that follows the time since a recording's begin is none of the next one's: a filter cannot have it, and what is
+# fitted beside it would be wrong without it.
+OF_A_RECORDING = ("hoop.friction_drift",)
 UNUSABLE = 2  # of a diagnosis that writes everything but a model of which there are doubts
 
 # NAME.yaml@SHA256 of a controller that is laid into the daemon's folder under a name.
@@ -68,7 +71,12 @@ class HealWorker:
         if not told.exists():
             words: list[str | Path] = ["diagnose", evidence, "--model", before / "model.yaml", "--seed", str(self.seed)]
             words += [] if self.memory is None else ["--memory", self.memory, "--date", _day(version.begun)]
-            words += ["--no-free-run", "--grammar" if self.grammar else "--library-only"]
+            words += [
+                "--without",
+                ",".join(OF_A_RECORDING),
+                "--no-free-run",
+                "--grammar" if self.grammar else "--library-only",
+            ]
             words += ["--jobs", str(self.jobs), "--report", place / "report.html", "--write", model]
             code = run_step([*words, "--json", told], place / "diagnosis.log", (0, UNUSABLE), prefix=self.prefix)
             if code == UNUSABLE and not told.exists():

@@ -163,9 +163,10 @@ class Healing:
         """End it; what is on trial goes back."""
         if not self.over:
             self._over_now, self.why = True, reason
-            if self._on_trial:
+            if self._on_trial or self.phase == "asked":  # it may act already
                 self._orders.append(WantedCommand(REVERT))
                 self._on_trial = False
+                self.phase = "proposed"
                 self._keep("proposed", f"its trial was broken off: {reason}")
 
     def take_work(self) -> HealWork | None:

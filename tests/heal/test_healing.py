@@ -43,6 +43,7 @@ class PlayedDaemon:
     answers: dict[str, Any] = field(default_factory=dict)
     plan: HealPlan = field(default_factory=HealPlan)
     takes: bool = True
+    tells: bool = True
 
     def __post_init__(self) -> None:
         self.t, self.running, self.faults = 0.0, True, tuple[str, ...]()
@@ -78,7 +79,7 @@ class PlayedDaemon:
 
     def _obey(self, order: WantedCommand) -> None:
         self.orders.append((self.t, order))
-        if order.name in ("trial", "controller"):
+        if order.name in ("trial", "controller") and self.tells:
             if self.takes:
                 told = {"command": order.name, "sha256": order.key.partition("@")[2] + "0" * 52}
                 self.healing.note("controller", told)
@@ -261,6 +262,14 @@ def test_interrupted_in_a_trial_it_asks_for_the_accepted_one(tmp_path: Path) -> 
     daemon.healing.stop("interrupted")
     daemon.run(1.0)
     assert daemon.names[-1] == "revert" and daemon.state() == "proposed"
+    early = PlayedDaemon(tmp_path / "early")
+    early.drift()
+    early.run(200.0, lambda: early.healing.phase == "decided")
+    early.tells = False
+    early.run(10.0, lambda: early.names == ["trial"])
+    early.healing.stop("interrupted before the daemon told that it acts")
+    early.run(1.0)
+    assert early.names == ["trial", "revert"] and early.state() == "proposed"
 
 
 def test_an_earlier_version_that_explains_it_as_well_comes_back_in_place_of_a_new_one(tmp_path: Path) -> None:
