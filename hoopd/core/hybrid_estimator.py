@@ -82,6 +82,8 @@ class HybridEkf(DelayedEkf):
         if not (self._may_fly and self._usable(camera.t, camera.direction, camera.distance)):
             return super()._fuse_camera(camera)
         node = self._insert(camera.t)
+        if not all(map(isfinite, node.x.tolist())):
+            return False, nan, nan  # lost: `update` says so
         flies, off = node.mode == AIR, self._off_track(node.mode, camera.distance)
         if not flies and not off:
             self._nodes.remove(node)

@@ -6,8 +6,10 @@ written here. Functions are small and made with the filter: the tick waits for n
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -27,6 +29,8 @@ from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 
+# Models whose functions are kept.
+KEPT = 8
 # Effects that say what becomes of a ball off its track.
 OFF_TRACK = (LIFT_OFF, INNER_HOOP)
 # Width (rad/s) of the smooth form of dry friction in the rates on both sides of a passage.
@@ -52,39 +56,45 @@ def ball_modes(found: FoundEffects, inside: FoundEffects, rolling: Step) -> Ball
     rolling : callable
         The filter's own step of the rolling ball.
     """
-    return _Made(found, inside).modes(rolling)
+    told = {LIFT_OFF: FoundEffect(LIFT_OFF, {})}
+    told |= {one.name: one for one in found.entries if one.name in OFF_TRACK}
+    entries = (*(one for one in inside.entries if one.name not in told), *told.values())
+    numbers = tuple((one.name, tuple(one.parameters.items())) for one in entries)
+    made = copy.deepcopy(_made(inside.structure, tuple(inside.base.items()), numbers, inside.limit_nm))
+    return replace(made, modes={**made.modes, ROLLING: replace(made.modes[ROLLING], step=rolling)})
+
+
+Numbers = tuple[tuple[str, float], ...]
+
+
+@lru_cache(maxsize=KEPT)
+def _made(structure: str, base: Numbers, entries: tuple[tuple[str, Numbers], ...], limit_nm: float) -> BallModes:
+    """Of the same numbers they are written out once; who uses them copies them: buffers are of one filter."""
+    found = tuple(FoundEffect(name, dict(numbers)) for name, numbers in entries)
+    return _Made(FoundEffects(structure, dict(base), found, limit_nm)).modes()
 
 
 class _Made:
     """Functions of a model's numbers."""
 
-    def __init__(self, found: FoundEffects, inside: FoundEffects) -> None:
-        told = {
-            LIFT_OFF: FoundEffect(LIFT_OFF, {}),
-            **{one.name: one for one in found.entries if one.name in OFF_TRACK},
-        }
-        flying = replace(inside, entries=(*(one for one in inside.entries if one.name not in told), *told.values()))
+    def __init__(self, flying: FoundEffects) -> None:
         self._values = flying.values
         self._contact = ContactModes(flying.plant, flying.effects())
         self._composites = self._contact.hybrid.modes
         self._p = ca.SX(self._contact.rolling.vector(self._values))
         self._named = {name: self._p[k] for k, name in enumerate(self._contact.rolling.names)}
 
-    def modes(self, rolling: Step) -> BallModes:
+    def modes(self) -> BallModes:
         """All of them."""
         of, v = self._contact.hybrid.of, self._values
-        made = {name: self._mode(name, self._step(name, rolling)) for name in self._composites}
+        made = {name: self._mode(name) for name in self._composites}
         tracks = {ROLLING: v["Ro"] - v["Rb"], **({INNER: v[RADIUS] + v["Rb"]} if INNER in made else {})}
         landing = next(one for one in of(AIR) if one.target == ROLLING)
         return BallModes(made, tracks, self._jump(of(ROLLING)[0], timed=False), self._jump(landing, timed=False))
 
-    def _step(self, name: str, rolling: Step) -> Step:
-        if name == ROLLING:
-            return rolling
+    def _mode(self, name: str) -> BallMode:
         c = self._composites[name]
-        return NumericPlant(c.declared, c.effects, self._values).filter_step
-
-    def _mode(self, name: str, step: Step) -> BallMode:
+        step = NumericPlant(c.declared, c.effects, self._values).filter_step
         passages = tuple(map(self._passage, self._contact.hybrid.of(name)))
         return BallMode(step, passages, tuple(self._signs(name)))
 
