@@ -5,6 +5,7 @@ Rules of this file: from files to a file; what is drawn is decided in `hoopd.plo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from hoopd.files.reading import InputError
 from hoopd.files.whole_files import check_target, replace_file
 from hoopd.plants.registry import resolve_plant
 from hoopd.plots import style
-from hoopd.plots.panels import picture
+from hoopd.plots.panels import DIFFERENCE, RecordingPicture, compared_picture, picture
 from hoopd.plots.recording_page import recording_page
 from hoopd.plots.recordings import draw_picture
 from hoopd.recording.formats import split_path
+from hoopd.recording.pairs import paired
 from hoopd.recording.recording import Recording
 from hoopd.recording.slices import split_slice
 
@@ -40,18 +42,41 @@ def target_of(options: PlotOptions) -> Path:
 def run(options: PlotOptions) -> dict[str, Any]:
     """Draw; what was drawn, and where it is."""
     target = target_of(options)  # before anything is read
+    if options.compare and (len(options.recordings) != 2 or options.from_zero):
+        raise InputError("--compare", "", "takes two recordings, and lays one over the other by itself")
     recordings = _read(options)
-    shown = picture(recordings, options.channels, from_zero=options.from_zero)
+    shown = (
+        compared_picture(recordings, paired(*recordings.values()), options.channels)
+        if options.compare
+        else picture(recordings, options.channels, from_zero=options.from_zero)
+    )
     if target.suffix.lower() in PAGES:
         replace_file(target, recording_page(shown))
     else:
         style.save(draw_picture(shown), target)
     return {
         "picture": str(target),
-        "channels": {panel.name: ", ".join(filter(None, (panel.words, panel.unit))) for panel in shown.panels},
+        "channels": {
+            panel.name: ", ".join(filter(None, (panel.words, panel.unit)))
+            for panel in shown.panels
+            if panel.words != DIFFERENCE
+        },
         "recordings": {name: f"{len(one)} rows, {one.t[-1] - one.t[0]:.6g} s" for name, one in recordings.items()},
-        "notes": [f"{name}: {one.lost}" for name, one in recordings.items() if one.lost],
+        **_differences(shown),
+        "notes": [*([shown.note] if shown.note else []), *_losses(recordings)],
     }
+
+
+def _differences(shown: RecordingPicture) -> dict[str, Any]:
+    """Of two recordings, by channel."""
+    rows = {
+        one.channel: {key: value for key, value in one._asdict().items() if key != "channel"} for one in shown.figures
+    }
+    return {"difference": rows} if rows else {}
+
+
+def _losses(recordings: Mapping[str, Recording]) -> list[str]:
+    return [f"{name}: {one.lost}" for name, one in recordings.items() if one.lost]
 
 
 def _read(options: PlotOptions) -> dict[str, Recording]:

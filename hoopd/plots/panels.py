@@ -1,11 +1,13 @@
 """What a picture of recordings shows: a panel for each channel, a curve for each recording in it, and the modes.
 
 Rules of this file: from recordings to numbers that are drawn; nothing is computed but gaps, and the time at which a
-curve begins. A name that no recording has is one `InputError`.
+curve begins; differences are `recording.pairs`'s. A name that no recording has is one `InputError`.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -13,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hoopd.files.reading import InputError
+from hoopd.recording.pairs import ALIKE, RecordingPair, SignalDifference
 from hoopd.recording.recording import Column, Recording, Signal
 from hoopd.recording.schemas import TICK
 
@@ -35,6 +38,10 @@ WORDS: Final[Mapping[str, str]] = {
 WANTED: Final = {"psi": "reference"}
 # A channel that is silent for so many of its usual steps has a gap: a camera comes every other tick, and misses one.
 GAP_STEPS: Final = 6.0
+# Of two recordings: what stands below a channel, and the colour's place after both.
+DIFFERENCE: Final = "second less first"
+NEITHER: Final = 2
+BANDS: Final = " Shaded are the daemon's modes: above the first's, below the second's."
 NOT_DRAWN: Final = ("id", "mode")
 
 
@@ -65,11 +72,24 @@ class Panel:
 
 
 class ModeSpan(NamedTuple):
-    """The daemon's mode over some time."""
+    """The daemon's mode over some time, in one of the recordings."""
 
     start_s: float
     end_s: float
     mode: str
+    recording: int = 0
+
+
+class DifferenceRow(NamedTuple):
+    """How far two recordings of one channel are apart, in its unit."""
+
+    channel: str
+    unit: str
+    first_rms: float
+    second_rms: float
+    rms: float
+    mean: float
+    largest: float
 
 
 @dataclass(frozen=True)
@@ -79,6 +99,12 @@ class RecordingPicture:
     recordings: tuple[str, ...]
     panels: tuple[Panel, ...]
     modes: tuple[ModeSpan, ...]
+    figures: tuple[DifferenceRow, ...] = ()
+    note: str = ""  # how two were laid over each other
+
+    def curve_name(self, index: int) -> str:
+        """Of a recording, or of what is neither's."""
+        return self.recordings[index] if index < len(self.recordings) else DIFFERENCE
 
 
 def picture(
@@ -86,18 +112,55 @@ def picture(
 ) -> RecordingPicture:
     """What is drawn of recordings by name: these channels in this order, or all that were measured.
 
-    `from_zero`: every recording begins at zero. Modes are those of one recording: over several they would lie over
-    each other.
+    `from_zero`: every recording begins at zero. Modes of several stand above each other, in the recordings' order.
     """
     starts = [float(one.t[0]) if from_zero and len(one) else 0.0 for one in recordings.values()]
+    return _drawn(recordings, channels, starts)
+
+
+def compared_picture(
+    recordings: Mapping[str, Recording], pair: RecordingPair, channels: Sequence[str] = ()
+) -> RecordingPicture:
+    """Two recordings over each other, the second shifted as the pair says, and below each channel their difference."""
+    first, second = recordings.values()
+    shown = _drawn(recordings, channels, [float(first.t[0]), float(second.t[0]) + pair.shift_s])
+    rows = tuple(
+        DifferenceRow(name, one.unit, one.first_rms, one.second_rms, one.rms, one.mean, one.largest)
+        for name, one in pair.signals.items()
+    )
+    panels = [part for panel in shown.panels for part in (panel, *_difference(panel, pair.signals.get(panel.name)))]
+    return dataclasses.replace(
+        shown, panels=tuple(panels), figures=rows, note=f"{_alignment(pair)}{BANDS if shown.modes else ''}"
+    )
+
+
+def _difference(panel: Panel, one: SignalDifference | None) -> list[Panel]:
+    if one is None:
+        return []
+    curve = DrawnCurve(NEITHER, *_with_gaps(one.t, one.values), held=False)
+    return [Panel(panel.name, DIFFERENCE, panel.unit, (curve,))]
+
+
+def _alignment(pair: RecordingPair) -> str:
+    """How the second lies over the first, in words."""
+    if math.isnan(pair.correlation):
+        return "Both begin at zero: neither has an input that moves."
+    if pair.correlation < ALIKE:
+        return f"Both begin at zero: their inputs are not alike (correlation {pair.correlation:.2f})."
+    if pair.shift_s == 0.0:
+        return f"Both begin at zero, where their inputs agree best (correlation {pair.correlation:.2f})."
+    when = f"{abs(pair.shift_s):.3g} s {'later' if pair.shift_s >= 0.0 else 'earlier'}"
+    return f"Aligned by the input (correlation {pair.correlation:.2f}): the second's came {when}."
+
+
+def _drawn(recordings: Mapping[str, Recording], channels: Sequence[str], starts: Sequence[float]) -> RecordingPicture:
     there = [_signals(one) for one in recordings.values()]
     names = tuple(channels) or _measured(list(recordings.values()))
     _check(names, there)
     inputs = {name for one in recordings.values() for name in one.inputs}
     panels = tuple(_panel(name, there, inputs, starts) for name in names)
-    first = next(iter(recordings.values()))
-    modes = tuple(_modes(first, starts[0])) if len(recordings) == 1 else ()
-    return RecordingPicture(tuple(recordings), panels, modes)
+    modes = [_modes(k, one, starts[k]) for k, one in enumerate(recordings.values())]
+    return RecordingPicture(tuple(recordings), panels, tuple(span for spans in modes for span in spans))
 
 
 def _signals(recording: Recording) -> dict[str, Signal]:
@@ -163,11 +226,11 @@ def _with_gaps(t: Column, values: Column) -> tuple[Column, Column]:
     return np.insert(t, after, 0.5 * (t[after - 1] + t[after])), np.insert(values, after, np.nan)
 
 
-def _modes(recording: Recording, start_s: float) -> list[ModeSpan]:
+def _modes(index: int, recording: Recording, start_s: float) -> list[ModeSpan]:
     modes = recording.extra.get("mode")
     if modes is None or not len(modes):
         return []
     t = np.append(recording.t, recording.t[-1]) - start_s
     begins = np.append(0, np.flatnonzero(modes[1:] != modes[:-1]) + 1)
     ends = np.append(begins[1:], len(modes))
-    return [ModeSpan(float(t[a]), float(t[b]), str(modes[a])) for a, b in zip(begins, ends, strict=True)]
+    return [ModeSpan(float(t[a]), float(t[b]), str(modes[a]), index) for a, b in zip(begins, ends, strict=True)]

@@ -40,11 +40,12 @@ function shade(plot) {
   ctx.beginPath();
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ctx.clip();
-  for (const [start, end, mode] of data.modes) {
+  const high = bbox.height / data.recordings.length; // those of several above each other, in their order
+  for (const [start, end, mode, recording] of data.modes) {
     if (!SHADED.includes(mode)) continue;
     const left = plot.valToPos(start, 'x', true), right = plot.valToPos(end, 'x', true);
     ctx.fillStyle = colour(mode.toLowerCase());
-    ctx.fillRect(left, bbox.top, right - left, bbox.height);
+    ctx.fillRect(left, bbox.top + recording * high, right - left, high);
   }
   ctx.restore();
 }
@@ -55,7 +56,7 @@ const padded = (plot, low, high) => low == null ? [0, 1] : low === high ? [low -
 function options(panel, curves, last) {
   const axis = { stroke: colour('quiet'), grid: { stroke: colour('grid'), width: 1 }, ticks: { stroke: colour('grid'), width: 1 }, font: '12px system-ui, sans-serif' };
   const series = curves.map(curve => ({
-    label: curve.wanted ? 'wanted' : several ? data.recordings[curve.recording] : 'value',
+    label: curve.wanted ? 'wanted' : several ? data.recordings[curve.recording] ?? data.neither : 'value',
     stroke: curve.wanted ? colour('quiet') : colour(`series-${curve.recording % 7}`),
     width: 1.5, dash: curve.wanted ? [3, 3] : [],
     points: { show: curve.t.length <= 200, size: 4 },

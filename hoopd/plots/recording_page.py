@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hoopd.plots.panels import DrawnCurve, RecordingPicture
+from hoopd.plots.panels import DIFFERENCE, DifferenceRow, DrawnCurve, RecordingPicture
 from hoopd.recording.recording import Column
 
 HERE: Final = Path(__file__).parent
@@ -49,7 +49,7 @@ def recording_page(shown: RecordingPicture) -> bytes:
 <header>
 <h1>{names}</h1>
 <p id="key"></p>
-<p class="how">Drag over a chart to zoom all of them, double-click to see everything again.
+{_figures(shown)}<p class="how">Drag over a chart to zoom all of them, double-click to see everything again.
 <button>Everything</button></p>
 </header>
 <main></main>
@@ -61,6 +61,26 @@ def recording_page(shown: RecordingPicture) -> bytes:
 </body>
 </html>
 """.encode()
+
+
+FIGURES: Final = ("channel", "rms, first", "rms, second", "rms of the difference", "its mean", "its largest")
+
+
+def _figures(shown: RecordingPicture) -> str:
+    """How two were laid over each other, and how far they are apart."""
+    note = f"<p>{html.escape(shown.note)}</p>\n" if shown.note else ""
+    if not shown.figures:
+        return note
+    head = "".join(f'<th scope="col">{name}</th>' for name in FIGURES)
+    rows = "".join(f"<tr>{_row(one)}</tr>\n" for one in shown.figures)
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table>"
+    return f'{note}<div class="figures" tabindex="0" role="region" aria-label="Differences">{table}</div>\n'
+
+
+def _row(one: DifferenceRow) -> str:
+    label = html.escape(f"{one.channel} ({one.unit})" if one.unit else one.channel)
+    numbers = (one.first_rms, one.second_rms, one.rms, one.mean, one.largest)
+    return f'<th scope="row">{label}</th>' + "".join(f"<td>{value:.4g}</td>" for value in numbers)
 
 
 def _text(path: Path) -> str:
@@ -76,7 +96,7 @@ def _data(shown: RecordingPicture) -> dict[str, Any]:
         }
         for panel in shown.panels
     ]
-    return {"recordings": shown.recordings, "panels": panels, "modes": shown.modes}
+    return {"recordings": shown.recordings, "neither": DIFFERENCE, "panels": panels, "modes": shown.modes}
 
 
 def _numbers(curve: DrawnCurve) -> dict[str, Any]:

@@ -28,12 +28,14 @@ def draw_picture(shown: RecordingPicture) -> Figure:
     figure = style.figure(WIDTH_IN, REST_IN + PANEL_IN * rows, rows=rows, title=title, sharex=True)
     for axes, panel in zip(figure.axes, shown.panels, strict=True):
         for curve in panel.curves:
-            _draw(axes, curve, shown.recordings[curve.recording], style.COLOURS[curve.recording % len(style.COLOURS)])
+            _draw(axes, curve, shown.curve_name(curve.recording), style.COLOURS[curve.recording % len(style.COLOURS)])
         if panel.wanted is not None:
             axes.step(*panel.wanted[1:3], where="post", color=style.GREY, linestyle=":", linewidth=1.2, label="wanted")
         for span in shown.modes:
             if span.mode in SHADES:
-                axes.axvspan(span.start_s, span.end_s, color=SHADES[span.mode], linewidth=0, zorder=0)
+                top = 1.0 - span.recording / len(shown.recordings)
+                band = {"ymin": top - 1.0 / len(shown.recordings), "ymax": top}
+                axes.axvspan(span.start_s, span.end_s, color=SHADES[span.mode], linewidth=0, zorder=0, **band)
         axes.set_ylabel(panel.label.replace(", ", "\n", 1))
         axes.margins(x=0.0)
     figure.align_ylabels(figure.axes)

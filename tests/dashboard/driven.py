@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from dashboard.served import Served, served
 from harness.browser import Page, opened
 from harness.realrun import Daemon, fifo_granted
-from shell.peers import controlled
+from shell.peers import controlled, wait_until
 
 from hoopd.dashboard.audit import Audit
 from hoopd.dashboard.feed import Feed
@@ -95,4 +95,6 @@ def driven(
         served(Feed([control.endpoint], {}), operators, Audit(folder / "audit.jsonl"), bench, kept=kept) as web,
         opened(folder, web.origin, 1440, 900) as page,
     ):
-        yield Driven(web, page, daemon, folder)
+        rig = Driven(web, page, daemon, folder)
+        assert wait_until(lambda: bool(rig.status), BUSY_S)  # a login needs a daemon that answers
+        yield rig

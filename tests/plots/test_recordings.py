@@ -15,11 +15,12 @@ from harness.browser import CHROMIUM, opened
 from hoopd.commands.options.plot import PlotOptions
 from hoopd.commands.plot import run
 from hoopd.files.reading import InputError
-from hoopd.plots.panels import RecordingPicture, picture
+from hoopd.plots.panels import DIFFERENCE, RecordingPicture, compared_picture, picture
 from hoopd.plots.recording_page import recording_page, thinned
 from hoopd.plots.recordings import draw_picture
 from hoopd.plots.style import rendered
 from hoopd.recording import Recording, from_columns, save
+from hoopd.recording.pairs import paired
 from hoopd.recording.recording import Signal, from_signals
 
 T = 0.02 * np.arange(200)
@@ -75,13 +76,13 @@ def test_samples_lie_at_their_own_times_and_a_gap_is_one() -> None:
     assert shown(tanks()).panels[0].wanted is None
 
 
-def test_modes_are_those_of_one_recording() -> None:
+def test_modes_are_told_with_the_recording_of_which_they_are() -> None:
     assert [(span.mode, span.start_s, span.end_s) for span in shown(device()).modes] == [
         ("DISARMED", 0.0, 1.0),
         ("RUNNING", 1.0, pytest.approx(3.4)),
         ("FAULT", pytest.approx(3.4), pytest.approx(3.98)),
     ]
-    assert shown(device(), device()).modes == ()
+    assert [span.recording for span in shown(device(), tanks(), device()).modes] == [0] * 3 + [2] * 3
 
 
 def test_recordings_may_begin_together() -> None:
@@ -138,6 +139,78 @@ def test_in_a_browser_the_charts_zoom_together_and_tell_values(tmp_path: Path) -
         page.wait_for("document.documentElement.scrollWidth <= 390")
         assert page.errors == []
         assert [address for address in page.requested if not address.startswith("file:")] == []
+
+
+def late(recording: Recording, ticks: int, offset: float) -> Recording:
+    """The same a little later, by another clock, the ball further out."""
+    there = {name: np.roll(getattr(recording, name), ticks) for name in ("u", "dtheta")}
+    psi = np.roll(np.sin(T), ticks) + offset
+    return from_columns({"t": T + 7.0, **there, "psi": psi, "psi_t": T + 7.0 - 0.03, "mode": np.full(200, "FAULT")})
+
+
+def chirp() -> Recording:
+    return from_columns(
+        {"t": T, "u": np.sign(np.sin(3 * T**2)), "dtheta": np.sin(T), "psi": np.sin(T), "psi_t": T - 0.03}
+    )
+
+
+def test_two_are_compared_over_each_other_with_their_difference_and_both_modes(tmp_path: Path) -> None:
+    both = {"one": chirp(), "two": late(chirp(), 15, 0.05)}
+    found = compared_picture(both, paired(*both.values()), ("psi", "u"))
+    assert found.note.startswith("Aligned by the input (correlation 1.00): the second's came 0.3 s later. Shaded are")
+    twice = compared_picture({"one": chirp(), "again": chirp()}, paired(chirp(), chirp()))
+    assert twice.note == "Both begin at zero, where their inputs agree best (correlation 1.00)."
+    assert [panel.words for panel in found.panels] == ["ball angle", DIFFERENCE, "torque", DIFFERENCE]
+    (psi,) = (one for one in found.figures if one.channel == "psi")
+    assert (psi.mean, psi.rms) == (pytest.approx(0.05, abs=0.01), pytest.approx(0.05, abs=0.01))
+    (u,) = (one for one in found.figures if one.channel == "u")
+    assert u.rms == 0.0 and u.first_rms == u.second_rms > 0.99
+    page = recording_page(found).decode()
+    assert "Aligned by the input" in page and '<th scope="row">psi (rad)</th>' in page
+    assert rendered(draw_picture(found), ".svg") == rendered(draw_picture(found), ".svg")
+    if CHROMIUM is None:
+        return
+    (tmp_path / "page.html").write_text(page)
+    with opened(tmp_path, (tmp_path / "page.html").as_uri(), 390, 800) as browser:
+        browser.wait_for("charts.length === 4 && document.documentElement.scrollWidth <= 390")
+        assert DIFFERENCE in browser.text("section:nth-of-type(2) h2") and browser.errors == []
+
+
+def test_inputs_that_are_not_alike_shift_nothing() -> None:
+    other = from_columns({"t": T, "u": np.sign(np.sin(11 * T)), "dtheta": T, "psi": T, "psi_t": T})
+    pair = paired(chirp(), other)
+    assert pair.shift_s == 0.0 and pair.correlation < 0.8
+    still = from_columns({"t": T, "u": np.zeros(200), "dtheta": T, "psi": T, "psi_t": T})
+    assert np.isnan(paired(still, chirp()).correlation) and paired(still, chirp()).shift_s == 0.0
+    with pytest.raises(InputError, match="no signal in common"):
+        paired(chirp(), tanks())
+
+
+def test_a_tick_that_is_a_little_late_is_compared_with_its_own() -> None:
+    late_by = np.random.default_rng(1).uniform(-0.004, 0.004, 200)
+    other = from_columns({"t": T + late_by, "u": chirp().u, "dtheta": T, "psi": T, "psi_t": T})
+    assert paired(chirp(), other).signals["u"].rms == 0.0
+
+
+def test_nothing_is_subtracted_over_a_gap() -> None:
+    gap = late(chirp(), 0, 0.0)
+    psi = np.array(gap.psi)
+    psi[80:120] = np.nan
+    found = paired(chirp(), gap.replaced(psi=psi)).signals["psi"]
+    assert len(found.t) in (159, 160) and not ((found.t > 1.56) & (found.t < 2.36)).any()
+    assert found.largest < 1e-12
+
+
+def test_the_command_compares_two_and_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, one in (("one", chirp()), ("two", late(chirp(), 15, 0.05)), ("three", chirp())):
+        save(one, f"{name}.mcap" if name != "two" else "two.csv")
+    told = run(PlotOptions(recordings=("one.mcap", "two.csv"), compare=True, out=Path("c.html")))
+    assert told["difference"]["psi"]["mean"] == pytest.approx(0.05, abs=0.01) and "unit" in told["difference"]["psi"]
+    assert told["notes"][0].startswith("Aligned by the input") and list(told["channels"]) == ["psi", "dtheta", "u"]
+    for names, from_zero in ((("one.mcap",), False), (("one.mcap", "two.csv"), True)):
+        with pytest.raises(InputError, match="--compare: takes two recordings"):
+            run(PlotOptions(recordings=names, compare=True, from_zero=from_zero))
 
 
 def test_the_command_writes_and_says_what_it_drew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,6 +30,11 @@ class PlotOptions:
         metavar="FILE",
     )
     from_zero: bool = option("--from-zero", text="Let every recording begin at zero.", default=False)
+    compare: bool = option(
+        "--compare",
+        text="Two recordings: aligned by their inputs, with the difference below each channel, and its figures.",
+        default=False,
+    )
     plant: str | None = plant_option()
     columns: str | None = columns_option()
     hold: str = hold_option()

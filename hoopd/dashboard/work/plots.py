@@ -78,7 +78,7 @@ class Plots:
             f"--out={fresh}",
         ]
         if len(paths) > 1:
-            command.append("--from-zero")
+            command.append("--compare" if len(paths) == 2 else "--from-zero")
         child = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
         )
