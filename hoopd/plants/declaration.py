@@ -202,6 +202,11 @@ class Plant:
         Of parameters and first-order states.
     held : mapping of str to float
         Names that effects may use and that do not move.
+    begins_as : mapping of str to str
+        First-order states that begin as another state is, where nobody says how they begin: a body that moves along.
+    led : tuple of str
+        First-order states that an estimator leads along its own other states, and does not correct: of a body that hits
+        its stops a deviation grows without an end, though it stays between them.
     channels : mapping of str to Channel
         What is measured.
     slots : mapping of str to Slot
@@ -252,6 +257,8 @@ class Plant:
     beliefs: Mapping[str, float] = field(default_factory=dict)  # to which share a parameter is known beforehand
     units: Mapping[str, str] = field(default_factory=dict)  # of parameters and first-order states
     held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
+    begins_as: Mapping[str, str] = field(default_factory=dict)  # states that begin as another one is; else at zero
+    led: tuple[str, ...] = ()  # states that an estimator does not correct
     channels: Mapping[str, Channel] = field(default_factory=dict)
     slots: Mapping[str, Slot] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; else `recorded_sizes`

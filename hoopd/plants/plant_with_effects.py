@@ -280,9 +280,12 @@ class Composite:
         return (*(e.key(str(e.lag)) for e in self._torque_lags[:1]), *sensors)
 
     def beginning(self, x: Array, u: float = 0.0) -> Array:
-        """z from the plant's state (of a state that an effect added: zero): what lags has settled."""
+        """z from the plant's state: what an effect added to it begins as the plant says, what lags has settled."""
         z = np.zeros(self.nz)
         z[: len(x)] = x
+        for i, name in enumerate(self.plant.states[len(x) :], start=len(x)):
+            if name in self.plant.begins_as:
+                z[i] = z[self.plant.states.index(self.plant.begins_as[name])]
         z[self.nx :] = [u if state is None else z[state] for state in self.settled]
         return z
 

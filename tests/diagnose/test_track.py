@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.batch_calls import CHUNK, Mapped, Recursion, flat
 from hoopd.plants.likelihood.composites import fitting_effects, key_of
@@ -92,6 +93,22 @@ def test_neutral_effects_change_nothing() -> None:
     other = track_with(names).like(base)
     assert np.array_equal(other.readings({}), base.readings({}))
     assert np.allclose(other.after({}), base.after({}, substeps=other.composite.substeps), rtol=0, atol=1e-12)
+
+
+def test_a_reference_is_taken_over_state_by_state() -> None:
+    """Whatever was there before: of two hidden bodies the second one's states are not the first one's."""
+    swing, loose = (mechanisms(PLANT)[f"hoop.{name}_of_dtheta"].effect for name in ("swing", "loose"))
+    stretch = stretch_with(PLANT, "a", 3, 1.0)
+    both, one = Track(stretch, [loose, swing]), Track(stretch, [swing])
+    z = both.z + np.arange(both.z.shape[1])
+    both.moved(z, both.w, z, z)
+    taken = one.like(both)
+    assert np.array_equal(taken.z, z[:, [0, 1, 2, 3, 6, 7]])
+    # a body that nobody has seen yet begins to move along
+    alone = Track(stretch, [swing])
+    alone.lead_added({swing.key("A"): 0.0, swing.key("w"): 20.0, swing.key("zeta"): 0.1}, Track(stretch))
+    assert alone.z[0, 5] == pytest.approx(alone.z[0, 1])
+    assert np.ptp(alone.z[:, 4]) > 0.0
 
 
 def test_a_value_of_a_recording_goes_before_that_of_all() -> None:

@@ -94,6 +94,8 @@ def fit(
     found = HypothesisFit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     if like is not None:
         found.curvatures = dict(like.curvatures)
+        for new, old in zip(tracks, like.tracks, strict=True):
+            new.lead_added(start, old)
     _linearise(found)
     if not _is_finite(found.rows):
         # where it starts there is no such plant: the least likely of all hypotheses

@@ -57,8 +57,10 @@ class Track:
         # disturbances act on what the plant as declared has, not on what an effect adds
         self.w = np.zeros((len(stretch.t), len(stretch.plant.disturbed)))
         self.z[:, : x.shape[1]] = x
-        for k, state in enumerate(self.composite.plant.states[x.shape[1] :], start=x.shape[1]):
-            self.z[:, k] = self.composite.plant.held.get(state, 0.0)
+        plant = self.composite.plant
+        for k, state in enumerate(plant.states[x.shape[1] :], start=x.shape[1]):
+            other = plant.begins_as.get(state)
+            self.z[:, k] = plant.held.get(state, 0.0) if other is None else self.z[:, plant.states.index(other)]
         self.z = self._lagged(self.z)
         # before a filter has run, its states are the reference's
         self.filtered, self.predicted = self.z, self.z
@@ -83,13 +85,29 @@ class Track:
         return found
 
     def like(self, other: Track) -> Track:
-        """Takes over the reference of a track of the same stretch with other effects."""
-        nx = min(self.composite.nx, other.composite.nx)
-        added = self.z[:, nx:]
+        """Takes over the reference of a track of the same stretch with other effects, state by state."""
+        mine, its = self.composite.plant.states, other.composite.plant.states
+        both = [name for name in mine if name in its]
+        to, of = [mine.index(name) for name in both], [its.index(name) for name in both]
         known = other.z, other.filtered, other.predicted
-        self.z, self.filtered, self.predicted = (self._lagged(np.hstack([z[:, :nx], added])) for z in known)
+        self.z, self.filtered, self.predicted = (self._lagged(_with_columns(self.z, to, z[:, of])) for z in known)
         self.w[:, : min(self.w.shape[1], other.w.shape[1])] = other.w[:, : self.w.shape[1]]
         return self
+
+    def lead_added(self, values: Mapping[str, float], other: Track) -> None:
+        """Leads the states that another track of the stretch does not have along the reference: at rest, what they
+        remember would have no derivative by its constants."""
+        mine, its = self.composite.plant.states, other.composite.plant.states
+        given = next((i for i, name in enumerate(mine) if name not in its), len(mine))
+        if given < len(mine):
+            self._lead(values, range(given, len(mine)))
+
+    def _lead(self, values: Mapping[str, float], columns: Sequence[int]) -> None:
+        """Makes some states follow the filter's, from the first of these columns on."""
+        led = self.carried(values, self.filtered[:, : columns[0]])[:, columns]
+        if np.isfinite(led).all():
+            known = self.z, self.filtered, self.predicted
+            self.z, self.filtered, self.predicted = (_with_columns(z, columns, led) for z in known)
 
     # ------------------------------------------------------------------------------------------ the model
 
@@ -155,7 +173,7 @@ class Track:
         The given states are those of `x` at every node, the added ones follow their own steps; no disturbance.
         """
         values, c, n = self.local(values), self.composite, len(x)
-        begin = c.beginning(np.pad(x[0], (0, c.nx - x.shape[1])), float(self.stretch.u[0]))[x.shape[1] :]
+        begin = c.beginning(x[0], float(self.stretch.u[0]))[x.shape[1] :]
         run, p = carrying(c, x.shape[1]), c.vector(values)
         data = x[:-1], self._flat_inputs(values), self.stretch.h, self.stretch.t[:-1]
         known = mapped(run.known, n - 1, (4,))(*data, p)[0][:, :, 0]
@@ -190,6 +208,9 @@ class Track:
         """
         c, n = self.composite, len(self.stretch.t)
         values, mine = self.local(values), names_of(self.stretch.recording, free)
+        led = [c.plant.states.index(name) for name in c.plant.led]
+        if led:
+            self._lead(values, led)
         mine = {name: local for name, local in mine.items() if local in c.names}
         after, by_z, by_w, by_u, by_p = self._step_derivatives(values, tuple(mine.values()))
         y, of_z, of_p = self._reading_derivatives(values, tuple(mine.values()))
@@ -200,6 +221,8 @@ class Track:
         f[:, :, 0], eps[:, :, 0] = after + step - self.z[1:], np.nan_to_num(self.stretch.y) - y - reading
         where = [1 + list(free).index(name) for name in mine]
         f[:, :, where], eps[:, :, where] = by_p, -of_p
+        # what is led has no deviation
+        f[:, led], by_z[:, led], by_w[:, led] = 0.0, 0.0, 0.0
         seen = np.isfinite(self.stretch.y)
         model = LinearReference(
             by_z,
@@ -295,3 +318,10 @@ class Track:
         """(n * nc, 1+m) rows of the least-squares problem."""
         out = whitened(columns.model, found, columns.f, columns.eps)
         return out.reshape(-1, out.shape[2])
+
+
+def _with_columns(z: Array, columns: Sequence[int], values: Array) -> Array:
+    """A copy of states (n, nz) with other values (n, k) in some columns."""
+    found = z.copy()
+    found[:, columns] = values
+    return found

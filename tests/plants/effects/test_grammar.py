@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.integrate import solve_ivp
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanism import READING
 from hoopd.plants.effects.grammar.mechanisms import NAMED, mechanism_named, mechanisms
-from hoopd.plants.effects.grammar.memories import MEMORIES, PARTS, STOP, MemoryLaw
+from hoopd.plants.effects.grammar.memories import MEMORIES, PARTS, STOPS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import LENS
 from hoopd.plants.effects.grammar.textbook import ACTUATOR, BODY, PLACE, RATE, ROLLING
 from hoopd.plants.effects.library import library
@@ -37,7 +38,7 @@ def sweep(t: np.ndarray) -> np.ndarray:
 )
 def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
     """The recursion over samples is the law that the model integrates."""
-    constants = {"zeta": 0.1, "w": STOP * PARTS / SAMPLE_S, memory.constant: CONSTANTS[memory.constant]}
+    constants = {"zeta": 0.1, "w": STOPS[1] * PARTS / SAMPLE_S, memory.constant: CONSTANTS[memory.constant]}
     shortest = SAMPLE_S / PARTS
     # an input that turns back at other times than the way
     driven = memory.kinds == (INPUT,)
@@ -51,6 +52,8 @@ def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
 
     t = np.arange(0.0, 6.0, SAMPLE_S)
     begin = [float(v_of(0.0)), 0.0] if memory.name == "resonance" else [0.0] * memory.states
+    if memory.is_body:
+        begin[-1] = float(v_of(0.0))
     states = solve_ivp(rates, (0.0, t[-1]), begin, t_eval=t, max_step=SAMPLE_S, rtol=1e-6, atol=1e-8, method="LSODA").y
     expected = np.array([memory.value(np, states[:, k], float(v_of(t[k])), constants) for k in range(len(t))])
     found = memory.along(v_of(t), sweep(t), t, constants)
@@ -61,7 +64,7 @@ def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
 
 def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
     """A small input is later than a large one, and the lateness is that of the states that the model integrates."""
-    (memory,) = [one for one in MEMORIES if one.held]
+    (memory,) = [one for one in MEMORIES if one.name == "hesitation"]
     u = np.array([0.0, 0.02, -0.02, 0.5, 0.5, -0.5])
     constants, h, parts = {"v0": 0.1}, 0.02, 2000
     z, means = u[0], []
@@ -75,6 +78,27 @@ def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
     found = memory.along(u, u, np.arange(len(u)) * h, constants)
     assert found == pytest.approx(np.array(means), abs=0.02 * np.abs(means).max())
     assert abs(found[1]) / 0.02 > 50.0 * abs(found[5]) / 1.0
+
+
+def test_a_loose_part_is_felt_as_the_mean_of_its_blows() -> None:
+    """Of a sample each, and as the states are that the model integrates; it moves along at first."""
+    (memory,) = [one for one in MEMORIES if one.name == "loose"]
+    t, h = np.arange(0.0, 4.0, 0.02), 0.02
+    v, constants = 2.0 + 3.0 * np.sin(3.0 * t), {"b": 0.1, "w": STOPS[1] * PARTS / h}
+    z, told = [0.0, v[0]], []
+    for before, after in pairwise(v):
+        sums = 0.0
+        for part in range(200):
+            rate = before + (after - before) * part / 200
+            sums += memory.value(np, z, rate, constants) / 200
+            slopes = memory.rates(np, z, rate, 0.0, constants, h / PARTS)
+            z = [one + h / 200 * slope for one, slope in zip(z, slopes, strict=True)]
+        told.append(sums)
+    found = memory.along(v, v, t, constants)[:-1]
+    assert found[:3] == pytest.approx(0.0, abs=1e-9)
+    assert np.corrcoef(found, told)[0, 1] > 0.95
+    # what it takes along in all is its own speed
+    assert np.sum(told) * h * constants["w"] == pytest.approx(z[1] - v[0], rel=0.02)
 
 
 def test_a_contact_is_older_where_it_rests_and_its_way_renews_it() -> None:

@@ -26,6 +26,7 @@ from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Poin
 from hoopd.plants.effects.grammar.axes import TIME, Axis
 from hoopd.plants.effects.grammar.memories import PARTS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import WAVE, ShapeLaw
+from hoopd.plants.scales import usual_sizes
 
 Array = NDArray[np.float64]
 
@@ -153,8 +154,8 @@ class Mechanism:
             return [dict(one) for one in self.shape.grid(self.axis, v)]
         assert self.memory is not None
         second, h = self.memory.second, float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-        more = {second: self.memory.second_at(h)} if second else {}
-        return [{self.memory.constant: float(one), **more} for one in self.memory.grid(v, t)]
+        more = [{second: float(one)} for one in self.memory.seconds(h)] if second else [{}]
+        return [{self.memory.constant: float(one), **other} for one in self.memory.grid(v, t) for other in more]
 
     def along(self, v: Array, way: Array, t: Array, constants: Mapping[str, float]) -> Array:
         """What is multiplied with amplitude and factor at samples, (n,); of a wave at phase zero."""
@@ -225,6 +226,7 @@ class Mechanism:
         for name in self.constants:
             place = self.shape is not None and name == "v0" and self.shape.name in PLACED
             whole = name == "n" and self.axis.turning and not self.axis.scale_share
+            whole = whole or (self.memory is not None and self.memory.is_led)
             unit = self._unit_of(name)
             yield EffectParameter(name, unit, 1.0, -inf if place else 1e-9, inf, "shape", (1.0,), discrete=whole)
         if self.shape is not None and self.shape.phased:
@@ -277,9 +279,17 @@ class Mechanism:
             found = memory.rates(ca, [getattr(s, name) for name in names], v, dv, own, shortest)
             return ca.vertcat(plant.rates(s), *found)
 
-        # every recording begins with nothing remembered, whatever the readings say
-        scales = {**plant.scales, **dict.fromkeys(names, NOTHING)}
-        return replace(plant, first_order=(*plant.first_order, *names), rates=rates, scales=scales)
+        # every recording begins with nothing remembered, whatever the readings say; a body with nobody knows what swing
+        begins, sizes = {}, dict.fromkeys(names, NOTHING)
+        if memory.is_body:
+            begins, usual = {names[-1]: self.axis.name}, usual_sizes(plant)
+            sizes = {
+                one: usual[state] for one, state in zip(names, (*self.axis.coordinates, self.axis.name), strict=True)
+            }
+        return replace(
+            plant, first_order=(*plant.first_order, *names), rates=rates, scales={**plant.scales, **sizes},
+            begins_as={**plant.begins_as, **begins}, led=(*plant.led, *(names if memory.is_led else ())),
+        )  # fmt: skip
 
 
 def _about(parameter: EffectParameter, tried: Sequence[float]) -> EffectParameter:

@@ -11,7 +11,7 @@ samples for a screen that tries many constants at once. Both are the same law; a
     reversal   z' = (sign x' - z) |x'| / W, from 0 at a reversal; 1 - |z| is 1 there and dies out over the way W
     resonance  z'' = w^2 (v - z) - 2 zeta w z'             something that swings on it; z - v is what it adds
     swing      z' = -w (w r + 2 zeta r'), r' = z - v: a body that hangs on what moves at the rate v, and feels z'/w
-    loose      z' = -w (w o + 0.4 r') where it is pushed, r' = z - v, o what r exceeds +-b: a body that coasts in a gap
+    loose      z' = -w (w o + r') where it is pushed, r' = z - v, o what r exceeds +-b: a body that coasts in a gap
                on what moves at the rate v, and feels z'/w at its stops (Nordin, Gutman 2002)
     age        z' = 1/T - z |x'| / L, T a usual sample: how old a contact is that its way renews; it strengthens with
                log(1 + z) (Dieterich 1979, Ruina 1983)
@@ -42,12 +42,14 @@ HEAT_SAMPLES = (50.0, 150.0, 500.0, 1500.0)
 TWIST_SAMPLES = (0.25, 0.75, 2.0, 6.0)
 WAY_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
-RESONANCES, SWINGS = 12, 24
-# Gaps, in ways at the mean rate; a stop's radians in a memory's substep, its damping, a screen's steps in a sample.
-GAPS_S = (0.005, 0.01, 0.02, 0.04, 0.08)
-STOP, STOP_DAMPING, STOP_STEPS = 0.5, 0.2, 10
+RESONANCES, SWINGS = 12, 48
+# Gaps, in ways at the mean rate; a stop's radians in a memory's substep; its damping: hardly anything bounces.
+GAPS_S = tuple(0.005 * 1.3**k for k in range(12))
+STOPS, STOP_DAMPING = (0.25, 0.5), 0.5
 SLOWEST_SAMPLES = 100.0  # of a period
 DAMPING, LARGEST_DAMPING = 0.1, 0.99
+# Of a part that hangs; its frequencies lie nearer to each other than the least one is wide.
+DAMPINGS = (0.03, 0.1, 0.3)
 # Sizes below which something is late, in usual ones.
 SIZES = (0.1, 0.3, 1.0, 3.0)
 # What is late by a part of a sample is so by this one: as many substeps as a memory has.
@@ -86,8 +88,12 @@ class MemoryLaw:
         How many states it has.
     second : str
         Its other constant, where it has one.
-    second_at : callable
-        What a search begins with for it, of the usual sample time.
+    seconds : callable
+        Of the usual sample time, values of it that a search tries.
+    is_body : bool
+        Its states are the angle of a body against what it goes with, and its rate: it begins to move along.
+    is_led : bool
+        An estimator leads its states along the others and does not correct them; its constants are chosen, not fitted.
     dissipates : bool
         As a force on what moves, it takes energy away: its amplitude has a sign.
     """
@@ -103,11 +109,13 @@ class MemoryLaw:
     text: str
     words: str
     states: int = 1
+    is_body: bool = False
+    is_led: bool = False
     dissipates: bool = False
     scaled: bool = False  # its value has the unit of the variable; else it is a number
     held: bool = False
     second: str = ""
-    second_at: Callable[[float], float] = lambda h: DAMPING
+    seconds: Callable[[float], Sequence[float]] = lambda h: (DAMPING,)
 
 
 def _steps(x: Array) -> Array:
@@ -324,8 +332,8 @@ def _swing_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
     zeta, h = min(c.get("zeta", DAMPING), LARGEST_DAMPING), float(np.median(np.diff(t)))
     p = c["w"] * complex(-zeta, np.sqrt(1.0 - zeta**2))
     left = np.exp(p * h)
-    # the body at rest, whatever the rate is
-    y = _turned(left, -np.diff(v) / h * (left - 1.0) / p, -complex(v[0]))
+    # the body moves along at first
+    y = _turned(left, -np.diff(v) / h * (left - 1.0) / p, 0j)
     r = y.imag / p.imag
     return np.asarray(-(c["w"] * r + 2.0 * zeta * (y.real + p.real * r)))
 
@@ -351,11 +359,11 @@ def _loose_rates(ops: Any, z: Sequence[Any], v: Any, dv: Any, c: Constants, shor
 
 
 def _loose_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
-    b, w, step = float(c["b"]), float(c["w"]), float(np.median(np.diff(t))) / STOP_STEPS
-    rates = np.interp(np.arange((len(v) - 1) * STOP_STEPS) / STOP_STEPS, np.arange(len(v)), v).tolist()
-    r = z = 0.0
-    felt = [0.0]
-    for k, rate in enumerate(rates, 1):
+    b, w, step = float(c["b"]), float(c["w"]), float(np.median(np.diff(t))) / PARTS
+    rates = np.interp(np.arange((len(v) - 1) * PARTS) / PARTS, np.arange(len(v)), v).tolist()
+    r, z = 0.0, float(v[0])
+    felt = []
+    for rate in rates:
         r += step * (z - rate)
         into = r - b if r > b else r + b if r < -b else 0.0
         f = 0.0
@@ -364,9 +372,9 @@ def _loose_along(v: Array, way: Array, t: Array, c: Constants) -> Array:
         elif into < 0.0:
             f = max(-into * w - 2.0 * STOP_DAMPING * (z - rate), 0.0)
         z += step * w * f
-        if not k % STOP_STEPS:
-            felt.append(f)
-    return np.array(felt)
+        felt.append(f)
+    # of a blow, which is over within a sample, the mean until the next one
+    return np.append(np.reshape(felt, (-1, PARTS)).mean(axis=1), 0.0)
 
 
 def _gaps(v: Array, t: Array) -> list[float]:
@@ -428,12 +436,12 @@ MEMORIES: tuple[MemoryLaw, ...] = (
     MemoryLaw(
         "swing", (RATE,), _swing_rates, _swing, _swing_along, "w", lambda axis: "rad/s", _frequencies(SWINGS),
         "z'/w, z' = -w (w r + 2 zeta r'), r' = z - {v}", "comes from a part that hangs elastically and swings with",
-        states=2, dissipates=True, scaled=True, second="zeta",
+        states=2, is_body=True, dissipates=True, scaled=True, second="zeta", seconds=lambda h: DAMPINGS,
     ),
     MemoryLaw(
         "loose", (RATE,), _loose_rates, _loose, _loose_along, "b", lambda axis: product_text((axis.unit, 1), ("s", 1)),
-        _gaps, "z'/w, z' = -w (w o + 0.4 r') at the stops, o = r beyond +-b, r' = z - {v}",
-        "comes from a part that is loose and is taken along at the ends of its play, by", states=2, dissipates=True,
-        scaled=True, second="w", second_at=lambda h: STOP * PARTS / h,
+        _gaps, "z'/w, z' = -w (w o + r') at the stops, o = r beyond +-b, r' = z - {v}",
+        "comes from a part that is loose and is taken along at the ends of its play, by", states=2, is_body=True,
+        is_led=True, dissipates=True, scaled=True, held=True, second="w", seconds=lambda h: [one * PARTS / h for one in STOPS],
     ),
 )  # fmt: skip
