@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.search import mechanism_search
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
@@ -20,7 +21,7 @@ from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.scan_score import Scanned
-from hoopd.diagnose.search.screen import Score
+from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.grammar.mechanism import NATS_A_CONSTANT, Mechanism
@@ -323,8 +324,22 @@ def test_a_beat_of_two_clocks_has_a_phase_in_each_recording() -> None:
     apart = (score.start[f"{name}.phi@day2"] - score.start[f"{name}.phi@day1"]) / (2.0 * np.pi)
     assert (apart - 0.6 + 0.5) % 1.0 - 0.5 == pytest.approx(0.0, abs=0.06)
     assert score.start[f"{name}.A"] < 0.0
-    # a sine and a cosine in each
-    assert score.gain > 20.0 and isinstance(score, Scanned) and score.freedom == 4
+    # a sine and a cosine in each, and the mean that all share
+    assert score.gain > 20.0 and isinstance(score, Scanned) and score.freedom == 5
+
+
+def test_a_beat_is_seen_with_the_latency_that_is_its_mean() -> None:
+    """Three quarters of what a saw-tooth explains are its mean: without it no beat is near a latency."""
+    hoop = shipped_plant()
+    late = library(hoop)["camera.latency"]
+    stretch = stretch_with(hoop, "a", 3, 16.0)
+    y = stretch.y.copy()
+    y[1:, 2] = stretch.y[:-1, 2]
+    about = fit([replace(stretch, y=y)], (), hoop.values)
+    (latency,) = Screen(about, [late]).scores()
+    (seen,) = MechanismScreen(about, [mechanisms(hoop)["camera.beat_of_t_on_dpsi_in_psi"]], level=False).proposals
+    assert latency.gain > 20.0
+    assert seen.gain > 0.8 * latency.gain
 
 
 def test_levels_of_a_screen_come_from_its_own_columns() -> None:

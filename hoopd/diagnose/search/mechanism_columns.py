@@ -44,11 +44,22 @@ class MechanismChoice:
     constants: dict[str, float]
     phases: int = 1  # two where it has a phase
     parts: int = 1  # recordings, where each has a phase of its own
+    means: int = 0  # one where what has a phase has a mean, which all recordings share
 
     @property
     def columns(self) -> int:
         """Of all recordings."""
-        return self.phases * self.parts
+        return self.phases * self.parts + self.means
+
+    @property
+    def in_one(self) -> int:
+        """Columns that a recording sees."""
+        return self.phases + self.means
+
+    def within(self, part: int) -> NDArray[np.intp]:
+        """Which of its columns one of the recordings sees."""
+        own = part * self.phases + np.arange(self.phases)
+        return np.append(own, np.full(self.means, self.phases * self.parts))
 
 
 class ColumnPlace(NamedTuple):
@@ -108,7 +119,7 @@ class FollowedTrack:
         by, count = self._by[place], len(self._blocks.begin)
         own = {ERRORS: BLOCK, POINTS: BLOCK * len(self._share), LINES: BLOCK}[place.form]
         # of a line, the last node of a block is the next one's first
-        inputs = np.zeros((sum(one.phases for one in choices), count * own + 1))
+        inputs = np.zeros((sum(one.in_one for one in choices), count * own + 1))
         first = 0
         for one in choices:
             for values in self._values(one, place.form):
@@ -130,6 +141,7 @@ class FollowedTrack:
             v = self._along(axis, nodes=nodes)
             at = [{**one.constants, "phi": phi} for phi in (0.0, np.pi / 2)] if one.phases == 2 else [one.constants]
             laws = [mechanism.screened(v, t, constants) for constants in at]
+            laws += [np.ones_like(laws[0])] * one.means
         if mechanism.factor is not None:
             laws = [law * self._along(mechanism.factor, nodes=nodes) for law in laws]
         if mechanism.dry is not None:

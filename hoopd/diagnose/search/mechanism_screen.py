@@ -104,9 +104,10 @@ class MechanismScreen:
         phased = mechanism.shape is not None and mechanism.shape.phased
         # a clock begins anew with each recording
         parts = len(self._recordings) if phased and mechanism.axis.kind == TIME else 1
+        means = int(phased and mechanism.shape is not None and mechanism.shape.mean != 0.0)
         followed = v if mechanism.memory is None else np.concatenate([one.way(mechanism.axis) for one in own])
         for constants in mechanism.grid(followed, t):
-            yield MechanismChoice(mechanism, constants, 2 if phased else 1, parts)
+            yield MechanismChoice(mechanism, constants, 2 if phased else 1, parts, means)
 
     def tried(self, name: str) -> dict[str, tuple[float, float]]:
         """Least and largest of each constant that was tried of a mechanism."""
@@ -152,12 +153,12 @@ class MechanismScreen:
 
     def _together(self, indices: Sequence[int]) -> Iterator[tuple[ColumnPlace, list[int]]]:
         """Choices that act at one place and have as many columns, not too many at once."""
-        found: dict[tuple[ColumnPlace, int, int], list[int]] = {}
+        found: dict[tuple[ColumnPlace, int, int, int], list[int]] = {}
         for i in indices:
             one = self._choices[i]
-            found.setdefault((place_of(one.mechanism), one.phases, one.parts), []).append(i)
-        for (place, phases, _), every in found.items():
-            most = max(1, AT_ONCE // phases)
+            found.setdefault((place_of(one.mechanism), one.phases, one.parts, one.means), []).append(i)
+        for (place, phases, _, means), every in found.items():
+            most = max(1, AT_ONCE // (phases + means))
             yield from ((place, every[i : i + most]) for i in range(0, len(every), most))
 
     def _products(self, place: ColumnPlace, some: Sequence[MechanismChoice], beside: Array) -> tuple[Array, Array]:
@@ -166,10 +167,9 @@ class MechanismScreen:
         with_all, gram = np.zeros((len(some) * count, beside.shape[1])), np.zeros((len(some), count, count))
         for mine, columns, rows in self._whitened(place, some):
             with_all[columns] += rows @ beside[mine]
-            own = rows.reshape(-1, some[0].phases, rows.shape[1])
-            which, first = np.divmod(columns[:: some[0].phases], count)
-            part = slice(first[0], first[0] + some[0].phases)
-            gram[which, part, part] += own @ own.transpose(0, 2, 1)
+            own = rows.reshape(-1, some[0].in_one, rows.shape[1])
+            which, within = columns[:: some[0].in_one] // count, columns[: some[0].in_one] % count
+            gram[which[:, None, None], within[:, None], within] += own @ own.transpose(0, 2, 1)
         return with_all.reshape(len(some), count, -1), gram
 
     def _whitened(
@@ -183,8 +183,7 @@ class MechanismScreen:
             fitting = [i for i, one in enumerate(some) if one.mechanism.effect.fits(own.track.stretch.plant)]
             if fitting:
                 part = self._recordings.index(own.track.stretch.recording) if some[0].parts > 1 else 0
-                within = part * some[0].phases + np.arange(some[0].phases)
-                columns = (np.array(fitting)[:, None] * count + within).ravel()
+                columns = (np.array(fitting)[:, None] * count + some[0].within(part)).ravel()
                 yield mine, columns, own.rows(place, [some[i] for i in fitting])
 
     def _projected(self, x: Array) -> Array:
@@ -263,7 +262,7 @@ def _start(choice: MechanismChoice, weights: Array, recordings: Sequence[str]) -
         return found | {effect.key("A"): float(np.clip(weights[0], a.low, a.high))}
     assert mechanism.shape is not None
     # A sin(x + phi) = a sin x + b cos x, one A of all recordings
-    pairs = weights.reshape(-1, 2)
+    pairs = weights[: 2 * choice.parts].reshape(-1, 2)
     found[effect.key("A")] = float(np.sqrt(np.sum(pairs**2) / len(pairs))) / mechanism.shape.first
     marks = [f"@{name}" for name in recordings] if choice.parts > 1 else [""]
     angles = (atan2(float(b), float(a)) for a, b in pairs)

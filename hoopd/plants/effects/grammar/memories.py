@@ -442,6 +442,7 @@ MEMORIES: tuple[MemoryLaw, ...] = (
         "loose", (RATE,), _loose_rates, _loose, _loose_along, "b", lambda axis: product_text((axis.unit, 1), ("s", 1)),
         _gaps, "z'/w, z' = -w (w o + r') at the stops, o = r beyond +-b, r' = z - {v}",
         "comes from a part that is loose and is taken along at the ends of its play, by", states=2, is_body=True,
-        is_led=True, dissipates=True, scaled=True, held=True, second="w", seconds=lambda h: [one * PARTS / h for one in STOPS],
+        is_led=True, dissipates=True, scaled=True, held=True, second="w",
+        seconds=lambda h: [one * PARTS / h for one in STOPS],
     ),
 )  # fmt: skip

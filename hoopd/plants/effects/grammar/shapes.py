@@ -74,6 +74,8 @@ class ShapeLaw:
         A wave: it has a phase.
     first : float
         Of what has a phase, its first harmonic, the sine that a screen takes for it: its amplitude.
+    mean : float
+        Of what has a phase, its mean, which a screen takes beside the sine.
     """
 
     name: str
@@ -87,6 +89,7 @@ class ShapeLaw:
     odd: bool = False
     phased: bool = False
     first: float = 1.0
+    mean: float = 0.0
 
 
 def _levels(axis: Axis, v: Array) -> list[Constants]:
@@ -239,7 +242,7 @@ def _saw(ops: Any, v: Any, c: Constants) -> Any:
 
 
 BEAT = ShapeLaw("beat", _saw, "frac((n {v} + phi)/2 pi)", "grows and falls back in a saw-tooth of", (TIME,), 0, ("n",),
-             _beats, phased=True, first=-DROP / np.pi)  # fmt: skip
+             _beats, phased=True, first=-DROP / np.pi, mean=0.5)  # fmt: skip
 
 
 def shapes_of(axis: Axis) -> list[ShapeLaw]:
