@@ -202,8 +202,9 @@ class Plant:
         Of parameters and first-order states.
     held : mapping of str to float
         Names that effects may use and that do not move.
-    begins_as : mapping of str to str
-        First-order states that begin as another state is, where nobody says how they begin: a body that moves along.
+    remembered : mapping of str to str
+        First-order states that hold what was before, each with the state as which it begins where nobody says it: a
+        body that moves along. Of those with an empty text nothing is remembered then.
     led : tuple of str
         First-order states that an estimator leads along its own other states, and does not correct: of a body that hits
         its stops a deviation grows without an end, though it stays between them.
@@ -257,7 +258,7 @@ class Plant:
     beliefs: Mapping[str, float] = field(default_factory=dict)  # to which share a parameter is known beforehand
     units: Mapping[str, str] = field(default_factory=dict)  # of parameters and first-order states
     held: Mapping[str, float] = field(default_factory=dict)  # names that effects may use and that do not move
-    begins_as: Mapping[str, str] = field(default_factory=dict)  # states that begin as another one is; else at zero
+    remembered: Mapping[str, str] = field(default_factory=dict)  # states, and as which other one each begins
     led: tuple[str, ...] = ()  # states that an estimator does not correct
     channels: Mapping[str, Channel] = field(default_factory=dict)
     slots: Mapping[str, Slot] = field(default_factory=dict)

@@ -284,8 +284,8 @@ class Composite:
         z = np.zeros(self.nz)
         z[: len(x)] = x
         for i, name in enumerate(self.plant.states[len(x) :], start=len(x)):
-            if name in self.plant.begins_as:
-                z[i] = z[self.plant.states.index(self.plant.begins_as[name])]
+            if other := self.plant.remembered.get(name):
+                z[i] = z[self.plant.states.index(other)]
         z[self.nx :] = [u if state is None else z[state] for state in self.settled]
         return z
 

@@ -205,9 +205,9 @@ def test_a_part_with_play_is_found_with_what_it_weighs() -> None:
     assert found.gain > 30.0
     assert a / w == pytest.approx(0.25, rel=0.25)
     assert b == pytest.approx(0.03, rel=0.35)
-    # another fit of the same data knows it by its states' names
+    # another fit of the same data knows it by its states' names, and loses nothing
     again = fit(train, found.fit.effects, found.fit.values, like=found.fit, noise=found.fit.noise)
-    assert again.criterion == pytest.approx(found.fit.criterion, abs=1.0)
+    assert again.criterion < found.fit.criterion + 1.0
 
 
 def ageing(x: float, v: float, u: float, memory: dict[str, float]) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.search.screen import Column, Screen, change_of, members_of
+from hoopd.diagnose.search.screen import Column, Screen, change_of, members_of, touched_grids
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -135,7 +135,7 @@ def test_nothing_left_out_gains_little(base: HypothesisFit) -> None:
 
 def test_a_limit_starts_where_the_screen_tried_it(base: HypothesisFit) -> None:
     slip = LIBRARY["ball.slip"]
-    grid = [m.shape["mu"] for m in members_of(slip, ("a", "b"))]
+    grid = [m.shape["mu"] for m in members_of(slip, ("a", "b"), touched_grids(slip, base))]
     assert Screen(base, [slip]).scores()[0].start["ball.slip.mu"] in grid
 
 

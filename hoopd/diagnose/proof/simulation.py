@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.effects.grammar.mechanism import NOTHING
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
@@ -221,9 +220,9 @@ def fitted_starts(
     """
     simulator = Simulator(windows, effects)
     nx, usual = simulator.composite.nx, state_scales(simulator.composite.plant)[:, None]
-    plant, told = simulator.composite.plant, windows.stretch.plant.states
     # of the states that effects add: a slipping ball begins as it likes, a memory with what it is known to hold
-    remembered = [name not in told and plant.scales.get(name) == NOTHING for name in plant.states]
+    plant = simulator.composite.plant
+    remembered = [name in plant.remembered for name in plant.states]
     start = reference[windows.first, :nx].T.copy()
     best, cost, step = start, np.full(start.shape[1], np.inf), np.zeros_like(start)
     for _ in range(START_STEPS):

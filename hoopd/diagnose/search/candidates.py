@@ -28,6 +28,8 @@ MOST_EFFECTS = 3
 # Data that were not fitted may lose so many nats, or this share of the gain, before an effect is refused: by chance, or
 # by another effect that is not found yet. What is no effect loses a good part of what it gained.
 UNSEEN_LOSS, UNSEEN_SHARE = 3.0, 0.1
+# A limit is fitted from where it seems to be, and from this many times as far out.
+MILDER = 1.08
 # A share within which a constant stands on an end of its range.
 ON_END = 1e-3
 
@@ -78,6 +80,10 @@ class Judge:
             # lost on the way from far off: once more from where the fit before was
             start = {**before.values, **score.start}
             new = fit(self.train, (*before.effects, effect), start, like=before, noise=before.noise)
+        if milder := _milder(effect, start):
+            # a limit that cuts off too much at first leads the trajectory away
+            later = fit(self.train, (*before.effects, effect), {**start, **milder}, like=origin, noise=before.noise)
+            new = min(new, later, key=lambda one: one.criterion)
         new = self._not_run_off(new, start, effect)
         new = in_wider_ranges(new, self.train, [effect.name])
         effect = new.effects[-1]
@@ -103,6 +109,12 @@ class Judge:
         that is still missing, explains; else None."""
         found = fold_gain(before, after)
         return None if found is None or found > -max(UNSEEN_LOSS, UNSEEN_SHARE * gain) else -found
+
+
+def _milder(effect: Effect, start: Mapping[str, float]) -> dict[str, float]:
+    """Limits of an effect a little farther out than a start has them; of what is no limit nothing."""
+    limits = [effect.key(p.name) for p in effect.parameters if p.touched is not None]
+    return {name: start[name] * MILDER for name in limits if name in start}
 
 
 def before_effects(found: HypothesisFit) -> dict[str, float]:

@@ -59,8 +59,8 @@ class Track:
         self.z[:, : x.shape[1]] = x
         plant = self.composite.plant
         for k, state in enumerate(plant.states[x.shape[1] :], start=x.shape[1]):
-            other = plant.begins_as.get(state)
-            self.z[:, k] = plant.held.get(state, 0.0) if other is None else self.z[:, plant.states.index(other)]
+            other = plant.remembered.get(state)
+            self.z[:, k] = self.z[:, plant.states.index(other)] if other else plant.held.get(state, 0.0)
         self.z = self._lagged(self.z)
         # before a filter has run, its states are the reference's
         self.filtered, self.predicted = self.z, self.z

@@ -279,16 +279,16 @@ class Mechanism:
             found = memory.rates(ca, [getattr(s, name) for name in names], v, dv, own, shortest)
             return ca.vertcat(plant.rates(s), *found)
 
-        # every recording begins with nothing remembered, whatever the readings say; a body with nobody knows what swing
-        begins, sizes = {}, dict.fromkeys(names, NOTHING)
+        sizes, begins = dict.fromkeys(names, NOTHING), dict.fromkeys(names, "")
         if memory.is_body:
-            begins, usual = {names[-1]: self.axis.name}, usual_sizes(plant)
-            sizes = {
-                one: usual[state] for one, state in zip(names, (*self.axis.coordinates, self.axis.name), strict=True)
-            }
+            begins[names[-1]] = self.axis.name
+        if memory.is_body and not memory.is_led:
+            # nobody knows how it swings there; of every other memory, that there is nothing to remember
+            usual = usual_sizes(plant)
+            sizes = dict(zip(names, (usual[one] for one in (*self.axis.coordinates, self.axis.name)), strict=True))
         return replace(
             plant, first_order=(*plant.first_order, *names), rates=rates, scales={**plant.scales, **sizes},
-            begins_as={**plant.begins_as, **begins}, led=(*plant.led, *(names if memory.is_led else ())),
+            remembered={**plant.remembered, **begins}, led=(*plant.led, *(names if memory.is_led else ())),
         )  # fmt: skip
 
 

@@ -28,7 +28,9 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
 
 def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
     every = (_coulomb(plant, name), _rolling_resistance(name), _drag(name))
-    return every if slot.data is None else (*every, slip(name, slot.data), lift_off(name, slot.data), inner_hoop(name))
+    if slot.data is None:
+        return every
+    return (*every, slip(plant, name, slot.data), lift_off(name, slot.data), inner_hoop(name))
 
 
 def _along(s: Point) -> dict[str, Any]:

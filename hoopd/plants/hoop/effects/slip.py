@@ -25,11 +25,16 @@ from hoopd.plants.hoop.effects.normal_force import normal_force
 NO_SLIP, LEAST_FORCE = 1e9, 1e-6
 
 
-def slip(name: str, contact: ContactOf) -> Effect:
+def slip(plant: Plant, name: str, contact: ContactOf) -> Effect:
     """The effect of a rolling ball's slot."""
+    grid = geometric(0.02, 0.5, 8)
+
+    def grip(s: Point) -> Any:
+        return _needed_grip(plant, s, contact(s))
+
     return Effect(
         f"{name}.slip",
-        (EffectParameter("mu", "-", NO_SLIP, 0.005, 2.0, "shape", geometric(0.02, 0.5, 8)),),
+        (EffectParameter("mu", "-", NO_SLIP, 0.005, 2.0, "shape", grid, touched=grip),),
         plant=lambda plant: slipping_plant(plant, contact),
         # |f| <= mu N
         friction=DryFriction(_limit, lambda s: {"slip": 1.0}, lambda s, a: holding_force(s, contact(s), a)),
@@ -66,9 +71,17 @@ def _limit(s: Point, e: Values) -> Any:
     return e.mu * ca.fmax(normal_force(s), LEAST_FORCE)
 
 
+def _needed_grip(plant: Plant, s: Point, c: Contact) -> Any:
+    """Of the ball that rolls: |f|/N that its contact needs."""
+    driven = [getattr(s, one.name) if one.coordinate == q else 0.0 for one in plant.inputs for q in plant.coordinates]
+    rolling = plant.accelerations(s, ca.sum2(ca.reshape(ca.vertcat(*driven), len(plant.coordinates), -1)))
+    a = {q: rolling[i] for i, q in enumerate(plant.coordinates)}
+    return ca.fabs(holding_force(s, c, a)) / ca.fmax(normal_force(s), LEAST_FORCE)
+
+
 def holding_force(s: Point, c: Contact, a: Mapping[str, Any]) -> Any:
     """Force (N) of the contact that keeps the ball rolling: Ib w' = -Rb f - bb phi'."""
     p = s.p
     spin = c.by_psi * a["psi"] + (c.by_theta * a["theta"] if "theta" in a else 0.0)
-    rolling_rate = p["Ro"] / p["Rb"] * (s.dtheta - s.dpsi) - s.dslip
+    rolling_rate = p["Ro"] / p["Rb"] * (s.dtheta - s.dpsi) - (s.dslip if "dslip" in s else 0.0)
     return -(c.spin_inertia * spin + c.damping * rolling_rate) / p["Rb"]
