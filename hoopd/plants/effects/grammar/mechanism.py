@@ -153,9 +153,12 @@ class Mechanism:
         if self.shape is not None:
             return [dict(one) for one in self.shape.grid(self.axis, v)]
         assert self.memory is not None
-        second, h = self.memory.second, float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-        more = [{second: float(one)} for one in self.memory.seconds(h)] if second else [{}]
-        return [{self.memory.constant: float(one), **other} for one in self.memory.grid(v, t) for other in more]
+        first, second, every = self.memory.constant, self.memory.second, self.memory.grid(v, t)
+        if not second:
+            return [{first: float(one)} for one in every]
+        h = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+        beside = self.memory.seconds(h)
+        return [{first: float(one), second: value} for value, onward in beside for one in every[::onward]]
 
     def along(self, v: Array, way: Array, t: Array, constants: Mapping[str, float]) -> Array:
         """What is multiplied with amplitude and factor at samples, (n,); of a wave at phase zero."""

@@ -42,14 +42,15 @@ HEAT_SAMPLES = (50.0, 150.0, 500.0, 1500.0)
 TWIST_SAMPLES = (0.25, 0.75, 2.0, 6.0)
 WAY_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
-RESONANCES, SWINGS = 12, 48
+RESONANCES, SWINGS = 12, 96
 # Gaps, in ways at the mean rate; a stop's radians in a memory's substep; its damping: hardly anything bounces.
 GAPS_S = tuple(0.005 * 1.3**k for k in range(12))
 STOPS, STOP_DAMPING = (0.25, 0.5), 0.5
 SLOWEST_SAMPLES = 100.0  # of a period
 DAMPING, LARGEST_DAMPING = 0.1, 0.99
-# Of a part that hangs; its frequencies lie nearer to each other than the least one is wide.
-DAMPINGS = (0.03, 0.1, 0.3)
+# Of a part that hangs, each beside every so many of its frequencies: these lie a little farther apart than the part's
+# response is half as wide.
+DAMPINGS = ((0.03, 1), (0.1, 3), (0.3, 9))
 # Sizes below which something is late, in usual ones.
 SIZES = (0.1, 0.3, 1.0, 3.0)
 # What is late by a part of a sample is so by this one: as many substeps as a memory has.
@@ -89,7 +90,8 @@ class MemoryLaw:
     second : str
         Its other constant, where it has one.
     seconds : callable
-        Of the usual sample time, values of it that a search tries.
+        Of the usual sample time, values of it that a search tries, each with how far on the next of the first
+        constant's values is that it tries beside it.
     is_body : bool
         Its states are the angle of a body against what it goes with, and its rate: it begins to move along.
     is_led : bool
@@ -115,7 +117,7 @@ class MemoryLaw:
     scaled: bool = False  # its value has the unit of the variable; else it is a number
     held: bool = False
     second: str = ""
-    seconds: Callable[[float], Sequence[float]] = lambda h: (DAMPING,)
+    seconds: Callable[[float], Sequence[tuple[float, int]]] = lambda h: ((DAMPING, 1),)
 
 
 def _steps(x: Array) -> Array:
@@ -443,6 +445,6 @@ MEMORIES: tuple[MemoryLaw, ...] = (
         _gaps, "z'/w, z' = -w (w o + r') at the stops, o = r beyond +-b, r' = z - {v}",
         "comes from a part that is loose and is taken along at the ends of its play, by", states=2, is_body=True,
         is_led=True, dissipates=True, scaled=True, held=True, second="w",
-        seconds=lambda h: [one * PARTS / h for one in STOPS],
+        seconds=lambda h: [(one * PARTS / h, 1) for one in STOPS],
     ),
 )  # fmt: skip
