@@ -39,6 +39,17 @@ def test_what_the_rig_s_own_state_says_counts_too() -> None:
     assert not bench.judged({"attempts": [], "outcome": "the ball did not come to rest"}, 0.3)["success"]
 
 
+def test_the_way_up_is_drawn_with_a_ball_in_the_air_and_on_the_inner_hoop() -> None:
+    sys.path.append(str(TOOLS))
+    import up_picture as drawn
+
+    one = drawn.played()
+    assert len(drawn.strip(one)) == len(drawn.SHOWN_S)
+    modes = {t: one.rows[round(t / 0.02)].ball_mode for t in drawn.SHOWN_S}
+    assert set(modes.values()) == {"rolling", "air", "inner"} and modes[3.0] == "inner"
+    assert len(drawn.draw(one).axes) == len(drawn.SHOWN_S) + 3
+
+
 def test_the_strip_of_pictures_is_of_a_first_attempt() -> None:
     sys.path.append(str(TOOLS))
     import maneuver_picture as drawn
