@@ -16,8 +16,12 @@ from hoopd.recording.recording import Column, Recording, Signal
 
 # Correlation of the inputs from which on they are the same signal, and the part of the shorter one that has to overlap.
 ALIKE, OVERLAP = 0.8, 0.5
+# Lags whose correlations are nearer to each other than this agree alike.
+SAME = 0.01
 # Between samples of the second that are so many of its usual steps apart nothing is known of it.
 GAP_STEPS: Final = 6.0
+# The ball's angle, told from -pi to pi or on and on.
+AGAIN_AFTER_A_TURN = frozenset({"psi"})
 LONGEST = 2**20  # samples that are correlated: six hours of ticks
 
 
@@ -70,18 +74,25 @@ def paired(first: Recording, second: Recording) -> RecordingPair:
     (0.2, 0.1)
     """
     names = [name for name in first.signals if _known(first.signals[name]) and name in second.signals]
-    names = [name for name in names if _known(second.signals[name])]
+    names = [name for name in names if _known(second.signals[name]) and _one_unit(first, second, name)]
     if not names:
         raise InputError(second.source, "", f"has no signal in common with {first.source}")
     shift_s, correlation = _shift(first, second)
     start = float(second.t[0]) + shift_s
     differences = {
         name: _difference(
-            first.signals[name], second.signals[name], float(first.t[0]), start, held=name in first.inputs
+            first.signals[name], second.signals[name], float(first.t[0]), start,
+            held=name in first.inputs, turns=name in AGAIN_AFTER_A_TURN,
         )
         for name in names
-    }
+    }  # fmt: skip
     return RecordingPair(shift_s, correlation, {name: one for name, one in differences.items() if len(one.t)})
+
+
+def _one_unit(first: Recording, second: Recording, name: str) -> bool:
+    """What is in another unit is not subtracted; one that nobody told may be any."""
+    one, other = first.signals[name].unit, second.signals[name].unit
+    return not one or not other or one == other
 
 
 def _known(signal: Signal) -> bool:
@@ -127,14 +138,16 @@ def _best_lag(a: Column, b: Column) -> tuple[int, float]:
     power = summed(a * a, np.ones(len(b))) * summed(np.ones(len(a)), b * b)
     enough = (overlap >= OVERLAP * min(len(a), len(b))) & (power > 1e-12 * power.max())
     correlation = np.where(enough, summed(a, b) / np.sqrt(np.where(enough, power, 1.0)), -1.0)
-    best = int(np.argmax(correlation))
+    # of a periodic input every period agrees as well: the lag at which most of both is there
+    best = int(np.argmax(np.where(correlation >= correlation.max() - SAME, overlap, 0)))
     return int(lags[best]), float(correlation[best])
 
 
 def _difference(
-    first: Signal, second: Signal, first_start: float, second_start: float, *, held: bool
+    first: Signal, second: Signal, first_start: float, second_start: float, *, held: bool, turns: bool
 ) -> SignalDifference:
-    """`held`: the second's value is that of its tick, which may come half a tick later, else on a straight line."""
+    """`held`: the second's value is that of its tick, which may come half a tick later, else on a straight line;
+    `turns`: a whole turn is no difference."""
     t, values = _samples(first, first_start)
     other_t, other = _samples(second, second_start)
     step = float(np.median(np.diff(other_t))) if len(other_t) > 1 else 0.0
@@ -142,9 +155,10 @@ def _difference(
     before, after = (np.clip(places, 0, len(other_t) - 1) for places in (after - 1, after))
     inside = (t >= other_t[0] - (step / 2 if held else 0.0)) & (t <= other_t[-1])
     inside &= (other_t[after] - other_t[before] <= GAP_STEPS * step) | (other_t[after] == t)
-    there = other[before] if held else np.interp(t, other_t, other)
+    there = other[before] if held else np.interp(t, other_t, np.unwrap(other) if turns else other)
     t, a, b = t[inside], values[inside], there[inside]
-    return SignalDifference(first.unit, t, b - a, _rms(a), _rms(b), _rms(b - a), _mean(b - a), _largest(b - a))
+    off = np.arctan2(np.sin(b - a), np.cos(b - a)) if turns else b - a
+    return SignalDifference(first.unit, t, off, _rms(a), _rms(b), _rms(off), _mean(off), _largest(off))
 
 
 def _samples(signal: Signal, start_s: float) -> tuple[Column, Column]:

@@ -176,6 +176,31 @@ def test_two_are_compared_over_each_other_with_their_difference_and_both_modes(t
         assert DIFFERENCE in browser.text("section:nth-of-type(2) h2") and browser.errors == []
 
 
+@pytest.mark.parametrize("later", [0.0, 0.4])
+def test_of_the_periods_of_an_input_the_one_with_most_overlap_is_taken(later: float) -> None:
+    """Every period agrees as well, and noise made one of ten seconds off the best."""
+    t, noise = np.arange(1000) * 0.02, np.random.default_rng(0)
+
+    def run(shift: float) -> Recording:
+        u = np.sign(np.sin(2.0 * np.pi * (t - shift) + 1e-6)) + 1e-3 * noise.standard_normal(len(t))
+        return from_columns({"t": t, "u": u, "psi": u})
+
+    pair = paired(run(0.0), run(later))
+    assert pair.shift_s == pytest.approx(later, abs=0.011) and pair.correlation > 0.99
+
+
+def test_a_turn_of_the_ball_is_no_difference_and_another_unit_is_not_subtracted() -> None:
+    t = np.arange(400) * 0.02
+    u = np.sign(np.sin(t * t * 9.0))
+    psi = 3.1 + 0.2 * np.sin(5.0 * t)
+    first = from_columns({"t": t, "u": u, "psi": psi, "theta": t})
+    wrapped = from_columns({"t": t, "u": u, "psi": np.angle(np.exp(1j * (psi + 0.05))), "theta": t})
+    off = paired(first, wrapped).signals["psi"]
+    assert off.mean == pytest.approx(0.05, abs=1e-9) and off.largest == pytest.approx(0.05, abs=1e-9)
+    metres, millimetres = (from_signals(t, {"F": Signal(u, t, "N")}, {"x": Signal(t, t, unit)}) for unit in ("m", "mm"))
+    assert "x" not in paired(metres, millimetres).signals and "x" in paired(metres, metres).signals
+
+
 def test_inputs_that_are_not_alike_shift_nothing() -> None:
     other = from_columns({"t": T, "u": np.sign(np.sin(11 * T)), "dtheta": T, "psi": T, "psi_t": T})
     pair = paired(chirp(), other)
