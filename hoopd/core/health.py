@@ -151,6 +151,7 @@ class Health:
         self.thresholds, self.period_s = thresholds, period_s
         self.too_slow_for = rows_off(period_s)  # rows that cannot judge at this period, and why
         self.drift = Drift(levels)
+        self._left: tuple[str, Drift, _Count] | None = None  # key of the model before this one, and its drift
         self._pictures = PictureChecks(ball)
         self._encoder = EncoderChecks(hoop, thresholds.speed_mismatch_rad_s, period_s)
         self._counts = {fault.name: _Count(fault) for fault in FAULTS}
@@ -235,10 +236,19 @@ class Health:
         self.drift.reset()
         self._pictures.begin()
 
-    def follow(self, levels: Mapping[str, Level] | None, ball: BallMotion | None, hoop: HoopMotion | None) -> None:
-        """Another model from now on: what was held against the device by the old one is over."""
-        self.drift = Drift(levels)
-        self._counts["model_drift"] = _Count(BY_NAME["model_drift"])
+    def follow(
+        self, left: str, model: str, levels: Mapping[str, Level] | None, ball: BallMotion | None,
+        hoop: HoopMotion | None,
+    ) -> None:  # fmt: skip
+        """Another model from now on: what was held against the device by the one that is left (`left` and `model` are
+        their keys) is over, until that one comes back."""
+        name, back = "model_drift", self._left
+        self._left = left, self.drift, self._counts[name]
+        if back is not None and model and back[0] == model:
+            _, self.drift, self._counts[name] = back
+            self.drift.pause()
+        else:
+            self.drift, self._counts[name] = Drift(levels), _Count(BY_NAME[name])
         self._look()
         self._pictures.follow(ball)
         self._encoder.follow(hoop)

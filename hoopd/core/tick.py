@@ -245,8 +245,8 @@ class Tick:
         acting = self.succession.acting
         self.limiter.torque_nm, self.limiter.slew_nm_per_tick = acting.torque_nm, acting.slew_nm_per_tick
         if acting.filter is not self._filter:
-            self._filter = acting.filter
-            self.health.follow(self._filter.levels, self._filter.ball, self._filter.hoop)
+            left, self._filter = self._filter.key, acting.filter
+            self.health.follow(left, acting.filter.key, acting.filter.levels, acting.filter.ball, acting.filter.hoop)
 
     def _brake(self, inputs: Inputs) -> float:
         if self._sent.enabled_for == 0 or self._stopping_since == 0.0:

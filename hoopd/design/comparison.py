@@ -24,7 +24,7 @@ from hoopd.design.alternation import LEAST_PAIRS, Alternation, AlternationBlock,
 from hoopd.design.sequential_test import evidence, interval
 from hoopd.design.side_effects import side_effects
 from hoopd.design.weights import Weights
-from hoopd.design.yardstick import BlockFigures, HeldSpeed, TickSample, Yardstick
+from hoopd.design.yardstick import REST_AFTER_S, BlockFigures, HeldSpeed, TickSample, Yardstick
 
 # Before a trial the accepted law acts for so long, at rest.
 REST_S = LEAST_BASELINE_S + 0.2
@@ -46,6 +46,7 @@ BETTER, WORSE, OPEN, RETURNED, STOPPED = ("better", "worse", "not told apart", "
 BALL, COST = MEASURES = ("ball", "cost")
 # What is told beside both, and decides nothing: the torque while the ball rests at the bottom (root mean square).
 REST = "rest"
+LEAST_NM = 1e-4  # of it: what is less moves nothing, and has no ratio
 # Their places in a result, and what they are called.
 RESULTS = {BALL: "ball_rms_rad", COST: "cost", REST: "torque_at_rest_nm"}
 MEANINGS = {BALL: "the ball's error", COST: "the cost of the design"}
@@ -91,7 +92,7 @@ class ControllerComparison:
         self.lost = 0  # pairs of which too few ticks came
         self._sha256 = key.partition("@")[2]
         self._blocks, self._place, self._period_s = blocks_of(plan), 0, period_s
-        self._yardstick = Yardstick(weights, held, plan.hold_s / 2)
+        self._yardstick = Yardstick(weights, held, max(REST_AFTER_S, plan.hold_s / 2))
         self._done: dict[str, BlockFigures] = {}
         self._phase, self._since = "before", 0.0  # s, when the phase began
         self._first_t: float | None = None
@@ -300,14 +301,15 @@ class ControllerComparison:
 
     def ratios(self, measure: str) -> list[float]:
         """Logarithm of the candidate's figure over the accepted law's, pair by pair."""
-        return [log(b / a) for a, b in self._figures(measure)]
+        least = LEAST_NM if measure == REST else 0.0
+        return [log(max(b, least) / max(a, least)) for a, b in self._figures(measure)]
 
     def _figures(self, measure: str) -> list[tuple[float, float]]:
         if measure == COST:
             return [(pair.a.cost, pair.b.cost) for pair in self.pairs]
         if measure == REST:
             rests = [(pair.a.rest_rms_nm, pair.b.rest_rms_nm) for pair in self.pairs]
-            return rests if all(min(rest) > 0.0 for rest in rests) else []
+            return [(a, b) for a, b in rests if a is not None and b is not None]
         return [(pair.a.ball_rms_rad, pair.b.ball_rms_rad) for pair in self.pairs]
 
     def result(self) -> dict[str, Any]:

@@ -45,7 +45,8 @@ def _sentence(key: str, one: Mapping[str, Any]) -> str:
     (name, unit), (low, high) = FIGURES[key], one["interval_percent"]
     interval = f"{_percent(low)} to {_percent(high)} %" if high is not None else f"at least {_percent(low)} %"
     values = f"{one['candidate']:.3g} {unit} instead of {one['accepted']:.3g}"
-    return f"{name} rose: {values} ({_percent(one['change_percent'])} %, {interval})."
+    mean = "" if one["change_percent"] is None else f"{_percent(one['change_percent'])} %, "
+    return f"{name} rose: {values} ({mean}{interval})."
 
 
 def _percent(value: float) -> str:

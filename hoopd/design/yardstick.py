@@ -56,7 +56,7 @@ class BlockFigures(NamedTuple):
     ball_rms_rad: float
     ticks: int
     pictures: int
-    rest_rms_nm: float  # torque while the ball rests at the bottom; 0: it never did
+    rest_rms_nm: float | None  # torque a while after the reference went to the bottom; None: it never stayed there
 
 
 @dataclass
@@ -122,7 +122,8 @@ class Yardstick:
         sums, weights = self._sums, self._weights
         angle, slope = sums.angle / max(1, sums.angles), sums.slope / max(1, sums.slopes)
         cost = sums.cost / max(1, sums.ticks) + angle / weights.psi_rad**2 + slope / weights.dpsi_rad_s**2
-        return BlockFigures(cost, sqrt(angle), sums.ticks, sums.angles, sqrt(sums.rest / max(1, sums.rests)))
+        rest = sqrt(sums.rest / sums.rests) if sums.rests else None
+        return BlockFigures(cost, sqrt(angle), sums.ticks, sums.angles, rest)
 
     def _is_at_rest(self, t: float) -> bool:
         return self._referred is not None and self._referred[0] == 0.0 and t - self._referred[1] >= self._rest_after_s

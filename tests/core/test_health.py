@@ -228,7 +228,20 @@ def test_another_model_is_free_of_what_was_held_against_the_one_before() -> None
     health = Health(Thresholds(), 0.02)
     health.raise_now("model_drift")
     health.raise_now("link_lost")
-    health.follow(None, None, None)
+    health.follow("a", "b", None, None, None)
     assert [fault.name for fault in health.active()] == ["link_lost"] == [*health.halting()]
     health.raise_now("model_drift")  # the new one may drift as well
     assert "model_drift" in [fault.name for fault in health.active()]
+
+
+def test_a_model_that_comes_back_from_a_trial_brings_its_drift_along() -> None:
+    """It would learn the device that has drifted as normal."""
+    health = Health(Thresholds(), 0.02)
+    drift = health.drift
+    health.raise_now("model_drift")
+    health.follow("a", "b", None, None, None)
+    assert not health.active() and health.drift is not drift
+    health.follow("b", "a", None, None, None)
+    assert [fault.name for fault in health.active()] == ["model_drift"] and health.drift is drift
+    health.follow("a", "c", None, None, None)
+    assert not health.active()

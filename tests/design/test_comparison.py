@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from typing import Any
 
@@ -23,6 +23,7 @@ from hoopd.design.comparison import (
     ControllerComparison,
     WantedCommand,
 )
+from hoopd.design.side_effects import side_effects
 from hoopd.design.yardstick import HeldSpeed, TickSample, Yardstick, held_speed
 
 TICK_S = 0.02
@@ -102,9 +103,9 @@ def test_what_better_means_is_chosen_before_the_run_and_told_with_it(by: str, ve
     told = rig.comparison.result()
     assert (told["verdict"], told["judged_by"]) == (verdict, by)
     assert told["ball_rms_rad"]["change_percent"] < 0.0 < told["cost"]["change_percent"]
-    cost = "The cost of the design, which charges torque and speeds, rose: "
-    assert [one.startswith(cost) for one in told["warnings"]] == [True] * (by == BALL)
-    assert told["torque_at_rest_nm"]["change_percent"] is None  # of nothing
+    words = ["The cost of the design, which charges torque and speeds, rose: "] * (by == BALL)
+    words += ["The torque at rest rose: 0.02 N m rms instead of 0 ("]
+    assert [one.startswith(said) for one, said in zip(told["warnings"], words, strict=True)] == [True] * len(words)
 
 
 def test_a_torque_at_rest_that_rose_is_told_beside_a_better_law() -> None:
@@ -289,7 +290,20 @@ def test_the_torque_at_rest_is_that_of_a_ball_that_has_been_at_the_bottom_for_a_
         u = 0.003 if t >= 2.5 - 1e-9 else 0.5
         yardstick.put(TickSample(t, True, u, 0.0, reference, t, reference), counts=True)
     assert yardstick.figures.rest_rms_nm == pytest.approx(0.003)
-    assert Yardstick().figures.rest_rms_nm == 0.0
+    assert Yardstick().figures.rest_rms_nm is None
+
+
+def test_a_pair_whose_ball_never_rested_says_nothing_of_the_torque_at_rest() -> None:
+    """The others do; and a change beyond every percentage is told without one."""
+    rig = begun(8, scatter=0.1, torque={"A": 0.001, "B": 0.001})
+    rig.run()
+    last = rig.comparison.pairs[-1]
+    rig.comparison.pairs.append(replace(last, a=last.a._replace(rest_rms_nm=None)))
+    assert len(rig.comparison.ratios("rest")) == len(rig.comparison.pairs) - 1
+    far = {"accepted": 1e-9, "candidate": 1.0, "change_percent": None, "interval_percent": [1e6, None]}
+    assert side_effects({"judged_by": "cost", "ball_rms_rad": far}) == [
+        "The ball's error rose: 1 rad rms instead of 1e-09 (at least +1000000 %)."
+    ]
 
 
 def test_a_picture_counts_against_the_reference_of_its_own_time() -> None:
