@@ -8,7 +8,15 @@ from __future__ import annotations
 from typing import Any
 
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.loop.writeback import cancelled, delays_of, filter_effects, unused
+from hoopd.plants.hoop.loop.writeback import (
+    SATURATION,
+    cancelled,
+    corrected,
+    delays_of,
+    filter_effects,
+    modes_of,
+    unused,
+)
 from hoopd.plots.number_format import listed
 
 NO_EFFECTS = (
@@ -35,9 +43,14 @@ def sentence(found: FoundEffects) -> str:
     known = [name for name in filter_effects(found).names if name not in fed]
     delays = {"torque": late.torque_s, "pictures": late.camera_s, "encoder": late.encoder_s}
     reckoned = [f"{name} {1e3 * seconds:.3g} ms" for name, seconds in delays.items() if seconds > 0.0]
+    mended = [name for name in corrected(found) if name not in (*fed, *known)]
+    limits = [name for name in found.names if name == SATURATION and name not in (*fed, *known)]
     parts = [
         f"Fed forward, so that the law need not act on it: {listed(fed)}" if fed else "Nothing is fed forward",
         *([f"the filter knows {listed(known)}"] if known else []),
+        *([f"its readings are corrected for {listed(mended)}"] if mended else []),
+        *([f"it follows a ball that leaves the hoop, by {listed(left)}"] if (left := modes_of(found)) else []),
+        *([f"the torque's limit is that of {listed(limits)}"] if limits else []),
         *([f"the design reckons with delays ({', '.join(reckoned)})"] if reckoned else []),
         *([f"nothing is done about {listed(without)}"] if without else []),
     ]

@@ -14,6 +14,7 @@ from shared import shared_path
 
 from hoopd.commands import cli
 from hoopd.commands import design as command
+from hoopd.commands.design_effects import sentence
 from hoopd.commands.design_options import poles_from, spec_from, weights_from
 from hoopd.commands.linear_tables import of_design
 from hoopd.commands.options.design import DesignOptions
@@ -26,9 +27,11 @@ from hoopd.design.margins import margins
 from hoopd.design.weights import Weights
 from hoopd.files.controller import controller_of, load_controller
 from hoopd.files.reading import InputError
+from hoopd.plants.effects.library import library
+from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.loop.closed_loop import LinearPlant, Scenario, picture_timing
 from hoopd.plants.hoop.loop.trial import Trial, trial
-from hoopd.plants.model_file import load_model, plant_of
+from hoopd.plants.model_file import effects_of, load_model, plant_of
 from hoopd.recording.recording import from_columns
 from hoopd.shell.config import load as load_config
 
@@ -229,6 +232,15 @@ def test_effects_that_a_daemon_cannot_use_are_named(tmp_path: Path) -> None:
     (warning,) = made["warnings"]
     assert "ball.slip" in warning and "no state" in warning
     assert made["summary"] == "Nothing is fed forward; nothing is done about ball.slip."
+
+
+def test_the_sentence_has_a_word_on_whatever_effect_a_model_names() -> None:
+    base = effects_of(load_model(HOOP))
+    for name, effect in library(base.plant).items():
+        values = {one.name: one.size or 0.01 for one in effect.parameters}
+        said = sentence(FoundEffects(base.structure, base.base, (FoundEffect(name, values),)))
+        late = effect.delay or effect.lag or effect.latency
+        assert ("reckons with delays" if late else name) in said, name
 
 
 def test_a_limit_of_the_drive_limits_the_law(tmp_path: Path) -> None:

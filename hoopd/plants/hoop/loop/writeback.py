@@ -75,6 +75,16 @@ def _reason(effect: Effect) -> str:
     return ""
 
 
+def corrected(found: FoundEffects) -> tuple[str, ...]:
+    """Those that the filter's readings are corrected for, or that take a reading its weight."""
+    return tuple(e.name for e in found.believed().effects() if e.sensor or e.shift or e.sensor_lag)
+
+
+def modes_of(found: FoundEffects) -> tuple[str, ...]:
+    """Those by which a ball leaves the outer hoop: the filter follows it."""
+    return tuple(e.name for e in found.effects() if e.found_by == "switch")
+
+
 def filter_effects(found: FoundEffects) -> FoundEffects:
     """Those that the filter's model has; a lean of the frame is a camera's zero to it (they are never told apart)."""
     return found.believed().only(lambda one: one.acts_now and one.shift is None)
