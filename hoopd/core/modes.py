@@ -84,7 +84,7 @@ def next_mode(mode: Mode, events: frozenset[Event]) -> Mode:
     return mode
 
 
-def mode_words(mode: str, because: Iterable[str]) -> str:
+def mode_words(mode: str, because: Iterable[str], verb: str = "is") -> str:
     """The mode as a refusal names it, with the faults behind it: nobody has to look for them elsewhere."""
     faults = ", ".join(because)
-    return f"the mode is {mode}" + (f" ({faults})" if faults else "")
+    return f"the mode {verb} {mode}" + (f" ({faults})" if faults else "")

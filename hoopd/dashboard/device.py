@@ -11,11 +11,11 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
-from hoopd.core.modes import mode_words
+from hoopd.core.modes import Mode, mode_words
 from hoopd.dashboard.history import WORD_CHARACTERS, History, Numbers
 
 EVENTS = 200  # kept: what happened in the last minutes of a bad day
@@ -32,6 +32,13 @@ class Seen:
     event: int = 0
     version: int = -1
     channels: int = 0
+
+
+class ModeCauses(NamedTuple):
+    """Faults that led to a mode, by the newest message that told of them: the event of the change, or a status."""
+
+    mode: str = ""  # empty when nothing told it
+    names: Sequence[str] = ()
 
 
 @dataclass
@@ -56,6 +63,7 @@ class ShownDevice:
         self._events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=EVENTS)
         self._event_count = 0
         self._version = 0
+        self._causes = ModeCauses()
 
     @property
     def identity(self) -> str:
@@ -71,7 +79,10 @@ class ShownDevice:
     @property
     def mode_words(self) -> str:
         """Its mode with the faults behind it, as a refusal names it."""
-        return mode_words(self.mode or "unknown", fault_names(self.status.get("because")))
+        with self._lock:
+            mode, causes = self.history.word("mode"), self._causes
+        named = causes.names if causes.mode in ("", mode) else ()
+        return mode_words(mode or "unknown", named)
 
     def presence(self, alive: bool) -> None:
         """Its session is there, or gone."""
@@ -93,9 +104,11 @@ class ShownDevice:
                 self.history.append(self._wall(now, message.get("t")), message)
             elif kind == "status":
                 self.status, self._version = message, self._version + 1
+                self._led(message)
             elif kind == "event":
                 self._event_count += 1
                 self._events.append((self._event_count, {**message, "wall": now}))
+                self._changed(message)
 
     def news(self, seen: Seen, at_most: int) -> dict[str, Any]:
         """What a reader has not seen yet, and note that it has now; empty when there is nothing."""
@@ -132,13 +145,26 @@ class ShownDevice:
 
     def _state(self) -> dict[str, Any]:
         fields = {"name": self.name, "endpoint": self.endpoint, "alive": self.alive, "run": self.run}
-        return {**fields, "runs": self.runs, "status": self.status}
+        return {**fields, "runs": self.runs, "status": self.status, "because": self._causes._asdict()}
+
+    def _changed(self, message: Mapping[str, Any]) -> None:
+        """Another mode, as soon as its event tells it: a status comes once a second."""
+        fields = message.get("fields")
+        if message.get("event") == "mode" and isinstance(fields, dict):
+            self._led(fields, self._causes.names if fields.get("was") == Mode.STOPPING else ())
+            self._version += 1
+
+    def _led(self, told: Mapping[str, Any], before: Sequence[str] = ()) -> None:
+        """Faults that led to a mode, after those of the stop that came before it; who names no mode means the last."""
+        if "because" in told:
+            names = [*dict.fromkeys((*before, *fault_names(told["because"])))]
+            self._causes = ModeCauses(str(told.get("mode") or self._causes.mode), names[:FAULTS])
 
     def _follow(self, run: str) -> None:
         """Another run than before: its times begin anew."""
         if run != self.run or not self.runs:
             self.run, self.runs, self._offset_s = run, self.runs + 1, None
-            self.status, self._version = {}, self._version + 1
+            self.status, self._causes, self._version = {}, ModeCauses(), self._version + 1
 
     def _wall(self, now_s: float, t: Any) -> float:
         """The wall clock of a row, by its own run time, so that what comes in a burst is not drawn as one."""

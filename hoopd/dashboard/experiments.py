@@ -201,8 +201,8 @@ def check_playable(device: ShownDevice, run: str, since_s: float) -> None:
     told = [one.get("fields") for one in device.events_since(since_s) if one.get("event") == "mode"]
     left = [one for one in told if isinstance(one, dict) and one.get("mode") not in ALLOWED[EXPERIMENT]]
     if left:
-        words = mode_words(str(left[-1].get("mode")), fault_names(left[-1].get("because")))
-        raise InputError("experiment", "", f"{words.replace(' is ', ' was ')} while it was planned: nothing was played")
+        words = mode_words(str(left[-1].get("mode")), fault_names(left[-1].get("because")), "was")
+        raise InputError("experiment", "", f"{words} while it was planned: nothing was played")
     if device.mode not in ALLOWED[EXPERIMENT]:
         raise InputError("experiment", "", f"{device.mode_words}: arm it first")
 

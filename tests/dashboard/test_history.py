@@ -81,6 +81,32 @@ def test_a_reader_is_told_what_is_new_and_nothing_twice() -> None:
     assert device.news(seen, 10)["state"]["status"] == {"faults": ["link_lost"]}
 
 
+def changed(mode: str, was: str, *because: str) -> bytes:
+    """The event of another mode."""
+    return json.dumps({"t": 1.0, "event": "mode", "fields": {"mode": mode, "was": was, "because": because}}).encode()
+
+
+def test_the_faults_behind_a_mode_are_those_of_this_mode_whichever_message_tells_first() -> None:
+    device, seen = ShownDevice("hoop", "tcp/127.0.0.1:1"), Seen()
+
+    def said(kind: str, payload: bytes, mode: str, run: str = "a") -> str:
+        device.take(kind, payload, run, 10.0)
+        device.take("tick", json.dumps({"t": 1.0, "mode": mode}).encode(), run, 10.0)
+        return device.mode_words
+
+    running = b'{"mode": "RUNNING", "because": []}'
+    assert said("status", running, "RUNNING") == "the mode is RUNNING"
+    assert said("event", changed("FAULT", "RUNNING", "link_lost"), "FAULT") == "the mode is FAULT (link_lost)"
+    assert device.news(seen, 1)["state"]["because"] == {"mode": "FAULT", "names": ["link_lost"]}
+    assert said("event", changed("RUNNING", "FAULT"), "RUNNING") == "the mode is RUNNING"  # the status is of a FAULT
+    assert said("status", running, "FAULT") == "the mode is FAULT"  # its event was lost: nothing is known of it yet
+    assert said("status", b'{"mode": "FAULT", "because": ["camera_lost"]}', "FAULT").endswith("FAULT (camera_lost)")
+    said("event", changed("STOPPING", "RUNNING", "camera_lost"), "STOPPING")
+    assert said("event", changed("DISARMED", "STOPPING", "link_lost"), "DISARMED").endswith("(camera_lost, link_lost)")
+    assert said("status", b"{}", "DISARMED", "b") == "the mode is DISARMED"  # another run
+    assert said("status", b'{"because": ["link_lost"]}', "FAULT", "b").endswith("(link_lost)")  # tells no mode
+
+
 def test_a_restart_is_another_run_and_its_rows_follow_by_the_wall_clock() -> None:
     device, seen = ShownDevice("hoop", "tcp/127.0.0.1:1"), Seen()
     for t, now in ((50.0, 10.0), (50.02, 10.03), (50.04, 10.03)):  # one came late: rows keep their distance

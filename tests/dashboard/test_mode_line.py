@@ -19,6 +19,8 @@ from hoopd.dashboard.work.bench import Bench
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
 LINE = "document.querySelector('#mode-line')"
+BOTTOM = f"{LINE}.getBoundingClientRect().bottom"
+TITLE_TOP = "document.querySelector('#viewer-title').getBoundingClientRect().top"
 CAUSE = {"meaning": "no good answer of the board for 60 ms", "clears": "first its cause, then `hoopd clear`"}
 DRIFT = {
     "meaning": "the device does not move: run `hoopd diagnose`",
@@ -35,11 +37,19 @@ class Told:
         self._page, self._forger = page, forger
 
     def until(self, shown: str, **status: Any) -> None:
+        self._until(shown, status["mode"], "status", status)
+
+    def changed(self, shown: str, mode: str, was: str, because: list[str]) -> None:
+        """As in the first second of a mode, of which no status tells yet."""
+        fields = {"mode": mode, "was": was, "because": because}
+        self._until(shown, mode, "event", {"t": 1.0, "event": "mode", "level": "info", "fields": fields})
+
+    def _until(self, shown: str, mode: str, kind: str, content: Any) -> None:
         end = time.monotonic() + 20.0
         while not self._page.ask(shown):
             assert time.monotonic() < end, (shown, self._page.text("body"))
-            for kind, content in (("tick", {"t": time.monotonic(), "mode": status["mode"]}), ("status", status)):
-                self._forger.put(f"hoopd/hoop/{kind}", json.dumps(content))
+            self._forger.put(f"hoopd/hoop/{kind}", json.dumps(content))
+            self._forger.put("hoopd/hoop/tick", json.dumps({"t": time.monotonic(), "mode": mode}))
             time.sleep(0.1)
 
 
@@ -75,7 +85,18 @@ def test_the_fault_and_what_clears_it_stand_on_every_view_and_in_the_hints(tmp_p
         told.until(
             f"{LINE}.innerText.includes('DISARMED') && {LINE}.innerText.includes('camera_lost (is over)')", **over
         )
-        page.size(390, 844)
-        assert page.ask("document.documentElement.scrollWidth - innerWidth") <= 0
+        words = f"{LINE}.querySelector('span').innerText"
+        told.changed(f"{words} === 'drive on, the controller acts'", "RUNNING", "DISARMED", [])
+        told.changed(f"{words} === 'drive off: link_lost'", "FAULT", "RUNNING", ["link_lost"])
+        many = {f"fault_{number}": CAUSE for number in range(8)}
+        full = {"mode": "FAULT", "because": [*many], "faults": [*many], "causes": many, "arming": "possible"}
+        page.ask("void (location.hash = '#work')")
+        for width, height in ((1280, 900), (844, 390), (390, 844)):
+            page.size(width, height)
+            told.until(f"{words}.includes('fault_7 (no good') && {BOTTOM} > 40", **full)
+            assert page.ask("document.documentElement.scrollWidth - innerWidth") <= 0
+            assert page.ask(BOTTOM) <= 0.3 * height + 1 and page.ask(f"{LINE}.scrollHeight - {LINE}.clientHeight") <= 0
+            page.ask("void page.work.open('a report', 'about:blank')")
+            told.until(f"((top, bottom) => bottom <= top && top < bottom + 60)({TITLE_TOP}, {BOTTOM})", **full)
         token.undeclare()  # type: ignore[no-untyped-call]
         assert page.errors == []

@@ -14,15 +14,22 @@ const names = value => (Array.isArray(value) ? value.filter(text) : []);
 
 export const modeOf = device => device?.word('mode') || text(device?.state.status.mode);
 
-/** Faults behind the mode: those that led to it, and those in the way of arming; each with what it means and what clears it. */
+/** Faults behind the mode: those that led to it, and those in the way of arming; each with what it means and what clears it,
+    once a status of this mode has told so: it comes once a second, the event of a change at once. */
 export function reasons(device) {
-  const { because, causes: told, arming } = device?.state.status ?? {}, causes = told ?? {}, led = names(because);
-  const known = Object.keys(causes), hinders = ['DISARMED', 'FAULT'].includes(modeOf(device)) ? `${text(arming)}`.split(', ') : [];
-  return [...new Set([...led, ...hinders.filter(name => known.includes(name))])].map(name => (known.includes(name)
-    ? { name, meaning: text(causes[name]?.meaning), clears: inClicks(text(causes[name]?.clears)) } : { name, meaning: '', clears: 'is over' }));
+  const { status = {}, because } = device?.state ?? {}, mode = modeOf(device), of = told => !text(told) || told === mode;
+  const led = of(because?.mode) ? names(because?.names) : [], current = Boolean(status.causes) && of(status.mode);
+  const causes = current ? status.causes : {}, known = Object.keys(causes);
+  const hinders = ['DISARMED', 'FAULT'].includes(mode) ? text(status.arming).split(', ').filter(name => known.includes(name)) : [];
+  return [...new Set([...led, ...hinders])].map(name => ({
+    name, meaning: text(causes[name]?.meaning), clears: known.includes(name) ? inClicks(text(causes[name]?.clears)) : current ? 'is over' : '',
+  }));
 }
 
-const told = ({ name, meaning, clears }) => `${name}${meaning ? ` (${meaning}${clears ? `; clears: ${clears}` : ''})` : ` (${clears})`}`;
+const told = ({ name, meaning, clears }) => {
+  const words = meaning ? `${meaning}${clears ? `; clears: ${clears}` : ''}` : clears;
+  return words ? `${name} (${words})` : name;
+};
 
 /** What a hint says, as a daemon's refusal does: the mode, and the names of the faults behind it; the line above has the rest. */
 export function modeWords(device) {
@@ -36,7 +43,7 @@ export function meaning(device) {
   return behind.length ? `${mode === 'FAULT' ? 'drive off' : MODES[mode] ?? ''}: ${behind.map(told).join(', ')}` : MODES[mode] ?? '';
 }
 
-/** A line on every view but the first, which says it larger. */
+/** A line on every view but the first, which says it larger; what is scrolled to stops below it. */
 export class ModeLine {
   constructor(place, page) {
     this.place = place;
@@ -45,6 +52,7 @@ export class ModeLine {
     this.words = element('span');
     this.clear = element('button', { type: 'button', onclick: () => page.commands.send('clear') }, 'Clear faults');
     place.append(this.mode, this.words, this.clear);
+    new ResizeObserver(() => document.documentElement.style.setProperty('--mode-line', `${place.offsetHeight}px`)).observe(place);
   }
 
   show(device, stale) {
