@@ -122,9 +122,10 @@ def main() -> int:
                 page.wait_for("document.querySelector('#faults').innerText.includes('camera_lost')", 2 * FAULT_S)
                 time.sleep(HOLD_S)
                 page.picture(folder / "dashboard_fault.png")
-                page.size(1440, 1000)
+                page.size(1440, 1400)
                 work(page)
                 page.picture(folder / "dashboard_work.png")
+                page.size(1440, 1000)
                 compare(page)
                 page.picture(folder / "dashboard_try.png")
         finally:

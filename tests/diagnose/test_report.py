@@ -584,13 +584,13 @@ PLAIN: dict[str, tuple[dict[str, Any], dict[str, float], str]] = {
         {"probability": 0.59, "status": "confirmed"},
         {"hoop.stribeck_friction": 0.3, "camera.latency": 0.5, "none of these": 0.02},
         "Something is certainly missing at the hoop; that it is hoop.coulomb_friction is 59 % likely, the other 41 % "
-        "are mostly hoop.stribeck_friction (30 %).",
+        "are mostly hoop.stribeck_friction.",
     ),
     "no law is known": (
         {"probability": 0.5},
         {"none of these": 0.4},
         "Something is certainly missing at the hoop; that it is hoop.coulomb_friction is 50 % likely, the other 50 % "
-        "are mostly a law that is not known here (40 %).",
+        "are mostly a law that is not known here.",
     ),
     "many laws": (
         {"probability": 0.5, "status": "weak"},

@@ -53,12 +53,15 @@ def _sure(effect: EffectFinding) -> str:
 
 
 def _rest(effect: EffectFinding, diagnosis: Diagnosis) -> str:
-    """What it is otherwise: laws of the same place, the likeliest first, or none that is known."""
+    """What it is otherwise: laws of the same place, the likeliest first, or none that is known.
+
+    Without numbers: those of the candidates count whatever acts beside it, too, and add up to more.
+    """
     named = {one.name for one in diagnosis.effects}
     likely = [(one.probability or 0.0, one.name) for one in diagnosis.candidates if one.name not in named]
     here = sorted(one for one in likely if one[1].partition(".")[0] == effect.slot and one[0] >= LEAST_LIKELY)
-    rivals = [f"{name} ({chance(value)})" for value, name in here[::-1][:RIVALS]]
+    rivals = [name for _, name in here[::-1][:RIVALS]]
     none = next((value for value, name in likely if name == NONE_OF_THESE), 0.0)
     if none >= LEAST_LIKELY and len(named) == 1:
-        rivals.append(f"a law that is not known here ({chance(none)})")
-    return f"are mostly {listed(rivals)}" if rivals else "are shared among other laws at the same place"
+        rivals.append("a law that is not known here")
+    return f"are mostly {listed(rivals, 'or')}" if rivals else "are shared among other laws at the same place"
