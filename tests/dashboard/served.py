@@ -50,7 +50,7 @@ class Served:
 
     def ask(self, path: str, method: str = "GET", content: Any = None, **headers: str) -> Answer:
         """A request with these headers alone; `host` is the server's own unless it is given."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10.0)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60.0)
         body = None if content is None else json.dumps(content).encode()
         with contextlib.closing(connection):
             connection.request(method, path, body, {key.replace("_", "-"): value for key, value in headers.items()})

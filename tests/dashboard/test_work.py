@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from dashboard.bench_folder import HOSTILE, lay_out
 from dashboard.served import Served, served
@@ -26,6 +27,8 @@ from hoopd.dashboard.work.forms import JobOrder
 from hoopd.dashboard.work.jobs import KEPT, STARTS, STATE, WAITING_AT_MOST, Jobs
 from hoopd.dashboard.work.recordings import GROWS_S, Recordings
 from hoopd.files.reading import InputError
+from hoopd.recording.formats import save
+from hoopd.recording.recording import from_columns
 
 BUSY_S = 60.0
 WORK = {"kind": "identify", "recordings": ["first.csv"], "fields": {"orders": "1,1", "outputs": "dtheta"}}
@@ -82,6 +85,28 @@ def test_a_plot_is_a_page_with_the_rights_of_a_stranger(web: Served) -> None:
     broken = web.ask("/api/work/plot?name=broken.csv")
     assert broken.status == 404 and broken.body.count(b"\n") == 1 and b"broken.csv" in broken.body
     assert web.ask("/api/work/plot").status == 404
+
+
+def test_two_recordings_with_no_signal_in_common_are_drawn_from_zero(folder: Path, tmp_path: Path) -> None:
+    t = np.arange(50) * 0.02
+    for name, column in (("hoop.csv", "theta"), ("ball.csv", "psi")):
+        save(from_columns({"t": t, column: np.sin(t)}), folder / name)
+    page = Bench(folder, tmp_path / "results").plots.page(["hoop.csv", "ball.csv"]).read_text()
+    assert "hoop.csv" in page and "ball.csv" in page
+
+
+def test_a_page_is_kept_until_it_would_be_drawn_in_another_way(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = "import sys; open(sys.argv[-2].removeprefix('--out='), 'w').write(sys.argv[-1])"
+    monkeypatch.setattr("hoopd.dashboard.work.plots.background", lambda **_: (sys.executable, "-c", drawn))
+    plots, pair = Bench(folder, tmp_path / "results").plots, ["first.csv", "second.csv"]
+    before = plots.page(pair)
+    assert plots.page(pair) == before and before.read_text() == "--compare"
+    monkeypatch.setattr("hoopd.dashboard.work.plots._ways", lambda _: [["--from-zero"]])
+    assert plots.page(pair).read_text() == "--from-zero"
+    monkeypatch.setattr("hoopd.dashboard.work.plots.__version__", "another")
+    assert len({before, plots.page(pair), *before.parent.glob("*.html")}) == 3
 
 
 def test_whoever_is_not_logged_in_changes_nothing(web: Served) -> None:

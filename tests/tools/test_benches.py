@@ -248,6 +248,15 @@ def test_a_rig_of_the_throws_is_drawn_from_its_seed(monkeypatch: pytest.MonkeyPa
     assert "restitution" in rigs[0].write(tmp_path / "sealed.yaml").read_text()
 
 
+def test_a_model_of_the_new_controllers_differs_where_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    bench = runpy.run_path(str(BENCH / "new_controller.py"))
+    assert "Fc: {value: 0.003, unit: N m}" in bench["model_text"]("Fc x 0.5")
+    assert "effects: []" in bench["model_text"]("Fc none") and "1.97e-3" in bench["model_text"]("Fc, inertia +30 %")
+    with pytest.raises(ValueError, match=r"has no 'effects: \[\]'"):
+        bench["replaced"]("effects:\n", "effects: []", "effects: [x]")
+
+
 def test_a_diagnosis_of_twice_the_length_has_its_exponent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     bench = runpy.run_path(str(BENCH / "diagnosis_length.py"))
     bench["write_recording"](tmp_path / "run.csv", 2.0, 0.004)

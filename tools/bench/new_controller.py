@@ -51,7 +51,7 @@ MODELS = {
     "inertia +30 %": (INERTIA, "1.97e-3"),
     "friction +50 %": (FRICTION, "10.5e-4"),
 }
-# Dry friction of the rig, and what a model says of it; a model without it has the shipped levels.
+# Dry friction of the rig, and the share of it that a model has; each has the levels of its own numbers.
 DRY_NM = 0.006
 DRY = {"Fc right": 1.0, "Fc none": 0.0, "Fc x 0.5": 0.5, "Fc x 1.5": 1.5, "Fc x 2": 2.0}
 DRY_MODELS = {**dict.fromkeys(DRY, (INERTIA, INERTIA)), "Fc, inertia +30 %": MODELS["inertia +30 %"]}
@@ -88,10 +88,17 @@ def controllers(folder: Path, row: Row) -> list[str]:
 
 def model_text(name: str) -> str:
     """The shipped model with another number, or with dry friction."""
-    text = (defaults_folder() / "models" / "hoop.yaml").read_text().replace(*{**MODELS, **DRY_MODELS}[name])
+    text = replaced((defaults_folder() / "models" / "hoop.yaml").read_text(), *{**MODELS, **DRY_MODELS}[name])
     friction_nm = DRY_NM * DRY.get(name, 1.0) if name in DRY_MODELS else 0.0
     entry = f"{{name: hoop.coulomb_friction, parameters: {{Fc: {{value: {friction_nm}, unit: N m}}}}}}"
-    return text.replace("effects: []", f"effects: [{entry}]") if friction_nm else text
+    return replaced(text, "effects: []", f"effects: [{entry}]") if friction_nm else text
+
+
+def replaced(text: str, old: str, new: str) -> str:
+    """The text with a part replaced; ValueError when it is not there, since something else would be tried then."""
+    if old not in text:
+        raise ValueError(f"the shipped model has no {old!r}")
+    return text.replace(old, new)
 
 
 def normal_innovations(path: Path) -> dict[str, Any]:
