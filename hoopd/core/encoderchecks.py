@@ -279,9 +279,12 @@ class AngleAgainstSpeed:
     def _path_off(self) -> bool:
         if len(self._samples) <= PATH_TICKS:
             return False
-        t, theta, speed = np.array([(one.t, one.theta, one.dtheta) for one in self._samples]).T
-        turned, told = float(theta[-1] - theta[0]), float(np.trapezoid(speed, t))
-        allowed = APART_RAD + APART_SHARE * max(abs(turned), abs(told)) + SPEED_LAG_S * float(np.ptp(speed))
+        samples, speeds = self._samples, [one.dtheta for one in self._samples]
+        t, speed = np.array([one.t for one in samples]), np.array(speeds)
+        # numpy.trapezoid, without what it asks first
+        told = float((np.diff(t) * (speed[1:] + speed[:-1]) / 2.0).sum())
+        turned = samples[-1].theta - samples[0].theta
+        allowed = APART_RAD + APART_SHARE * max(abs(turned), abs(told)) + SPEED_LAG_S * (max(speeds) - min(speeds))
         return abs(turned - told) > allowed
 
 

@@ -148,7 +148,9 @@ class FaultScript:
         """The first fault of this kind that is active at run time `t`."""
         if kind not in KINDS:
             raise ValueError(f"unknown fault kind {kind!r}, known: {', '.join(KINDS)}")
-        return next((fault for fault in self._by_kind.get(kind, ()) if fault.active(t)), None)
+        if kind not in self._by_kind:
+            return None
+        return next((fault for fault in self._by_kind[kind] if fault.active(t)), None)
 
 
 Delivery = tuple[float, bytes]  # run time of the last byte, bytes

@@ -144,6 +144,8 @@ class RigPlant:
     def sample(self) -> tuple[float, float, float]:
         """theta, dtheta as the encoder gives them now, and no current of its own: the board takes torque over torque
         constant."""
+        if self._physics.errors is None and not self._remembers:
+            return float(self._z[0]), float(self._z[1]), nan
         return self._read("theta"), self._read("dtheta"), nan
 
     def advance(self, t: float, torque_nm: float) -> None:
