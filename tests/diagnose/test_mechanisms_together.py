@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,10 @@ MECHANISMS = mechanisms(SLIDE)
 
 def users_own(law: str) -> Effect:
     """A spring that begins at 0.35 m, or a plain one, as a user would write it."""
-    begins = {"end_stop": lambda s: (s.x - 0.35) * (s.x > 0.35), "spring": lambda s: s.x}[law]
+    begins: dict[str, Callable[[Any], Any]] = {
+        "end_stop": lambda s: (s.x - 0.35) * (s.x > 0.35),
+        "spring": lambda s: s.x,
+    }[law]
     return Effect(
         f"slide.{law}",
         (EffectParameter("k", "N/m", 0.0, 0.0, 100.0, grid=(1.0,)),),

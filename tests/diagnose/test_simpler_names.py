@@ -88,6 +88,16 @@ def test_a_mechanism_at_the_limit_of_its_shape_is_told_as_that_limit(law: Law, m
     assert found.final.names == (simple,)
 
 
+def test_a_mechanism_for_which_more_speaks_is_not_told_as_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the limit has lost next to nothing: it may have more columns, or more that was looked at."""
+    train, offered = days(spring), [GRAMMAR[name] for name in ("slide.threshold_of_x", "slide.linear_of_x")]
+    judge, found = Judge(train, {}, Settings()), started(train, [])
+    name_mechanisms(found, judge, offered[:1])
+    monkeypatch.setattr("hoopd.diagnose.search.simpler_names.surprise_of", lambda *told: 1e6)
+    tell_simply(found, judge, offered)
+    assert found.final.names == ("slide.threshold_of_x",)
+
+
 def test_a_mechanism_that_needs_its_constants_keeps_its_name() -> None:
     name, train = "slide.dahl_of_x", days(bristles)
     judge, found = Judge(train, FRICTIONS, Settings()), started(train, [])

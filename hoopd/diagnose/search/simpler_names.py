@@ -44,10 +44,13 @@ def _simpler(found: Named, judge: Judge, one: Tried, mechanisms: Mapping[str, Me
     """The simpler law that explains most beyond chance, of those that lose less than the larger one must gain."""
     mine = mechanisms.get(one.effect.name)
     best: Tried | None = None
+    # a mechanism for which more speaks, told how much was looked at, is none of its limits
+    own = 0.0 if mine is None else surprise_of(one.score, found.losses[one.effect.name], judge.train)
+    least = max(judge.settings.threshold, own)
     for other in _contained(found, judge, one) if mine is None else _limits(found, judge, mine, mechanisms):
         lost = other.fit.criterion - found.final.criterion
         allowed = _allowed(found.losses[one.effect.name], one.effect, other.effect, mine)
-        if lost >= allowed or other.surprise < judge.settings.threshold:
+        if lost >= allowed or other.surprise < least:
             continue
         # in blocks that were not fitted it loses no more than chance explains
         if judge.fold_loss(found.final, other.fit, max(-lost, 0.0)) is not None:
