@@ -27,14 +27,11 @@ MECHANISMS = mechanisms(SLIDE)
 
 def users_own(law: str) -> Effect:
     """A spring that begins at 0.35 m, or a plain one, as a user would write it."""
-    begins: dict[str, Callable[[Any], Any]] = {
-        "end_stop": lambda s: (s.x - 0.35) * (s.x > 0.35),
-        "spring": lambda s: s.x,
-    }[law]
+    laws: dict[str, Callable[[Any], Any]] = {"end_stop": lambda s: (s.x - 0.35) * (s.x > 0.35), "spring": lambda s: s.x}
     return Effect(
         f"slide.{law}",
         (EffectParameter("k", "N/m", 0.0, 0.0, 100.0, grid=(1.0,)),),
-        force=lambda s, e: {"x": -e.k * begins(s)},
+        force=lambda s, e: {"x": -e.k * laws[law](s)},
         depends_on=("x",),
     )
 
