@@ -19,6 +19,7 @@ from sim_web import USER, configuration, controllers, ended, started
 ROOT = Path(__file__).resolve().parents[1]
 LISTEN = "127.0.0.1:8766"
 FAULT_S = 60.0  # of the rig's own time: after the driving, however often it had to be armed
+STALLED_S = 30.0  # then it is well again, and the controllers take turns
 REFERENCES_PX = (-9.0, 18.0, -12.0, 8.0, -10.0, 7.0)  # to the side, from where the target is
 HOLD_S = 3.0
 JOB_S = 300.0
@@ -103,7 +104,7 @@ def main() -> int:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "figures"
     with tempfile.TemporaryDirectory(prefix="hoopd-web-") as temporary:
         shared = ("--config", str(configuration(Path(temporary), "turn")))
-        fault = ("--set", f"sim.faults=[{{kind: camera_stall, at_s: {FAULT_S}}}]")
+        fault = ("--set", f"sim.faults=[{{kind: camera_stall, at_s: {FAULT_S}, for_s: {STALLED_S}}}]")
         # with the priority that the unit grants, where this machine does, too: a browser starts beside it
         first = ("chrt", "--fifo", str(FIFO_PRIORITY)) if fifo_granted() else ()
         own = controllers(Path(temporary) / "controllers")
