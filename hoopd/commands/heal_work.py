@@ -31,6 +31,7 @@ LAW = "lqg"
 # A law that follows the time since a recording's begin is none of the next one's: a filter cannot have it, and what is
 # fitted beside it would be wrong without it.
 OF_A_RECORDING = ("hoop.friction_drift",)
+DIGITS = 8
 UNUSABLE = 2  # of a diagnosis that writes everything but a model of which there are doubts
 
 # NAME.yaml@SHA256 of a controller that is laid into the daemon's folder under a name.
@@ -130,7 +131,9 @@ class HealWorker:
         told = f"{gain.nats:.0f} nats on {gain.seconds:.0f} s that nobody fitted"
         key = self.folder.read(restores).key if restores is not None else ""
         if not why and not key:
-            key = self.lay_in(f"heal-{version.number}", place / "controller.yaml", self.folder.folder)
+            digest = self.folder.hashes(version.number)["controller.yaml"]
+            name = f"heal-{version.number}-{digest[:DIGITS]}"  # of this version, and of no other folder's
+            key = self.lay_in(name, place / "controller.yaml", self.folder.folder)
         return {
             "proven": not why,
             "why": why or (told if restores is None else f"{told}; version {restores} explains them as well"),

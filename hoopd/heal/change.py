@@ -31,8 +31,9 @@ DELAYS: Mapping[str, str] = MappingProxyType(
     {"camera.latency": "d", "encoder.latency": "d", "encoder.speed_lag": "T", "actuator.delay": "d"}
 )
 DOUBTED = ("weak", "untested", "not_confirmed")
-# What explains less of the mismatch is a correction beside the change, and what changed by less is none: left out.
-LEAST_EXPLAINED, LEAST_CHANGE = 0.05, 0.02
+# An effect that makes a simulation of held-out data better by less, in percent points, is a correction and no change;
+# so is a parameter that changed by a smaller share.
+LEAST_GAIN_PERCENT, LEAST_CHANGE = 0.5, 0.02
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,9 @@ def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s:
 
 
 def _is_large(one: EffectFinding) -> bool:
-    """Whether it is more than a correction; what a judge of samples counts explains no share."""
-    return one.explained is None or one.explained >= LEAST_EXPLAINED
+    """Whether it is more than a correction; of what a judge of samples counts nothing is simulated."""
+    gain = one.evidence.heldout_gain_percent
+    return gain is None or gain >= LEAST_GAIN_PERCENT
 
 
 def _broken(one: EffectFinding) -> str:

@@ -42,6 +42,8 @@ ENTER_S = 3.0  # of a trial or of a new version: the filter settles, the ball co
 # A cost of so much more than what was promised is no promise kept; of more than the law of before would have: worse.
 KEPT, WORSE = 1.2, 1.05
 SETTLING_ROUNDS, BAD_ROUNDS = 4, 2
+# The daemon's guard judges single seconds, in which another reference may cost as much as a bad law.
+TRIES = 2
 # What comes to nothing again and again is looked at ever more seldom: every pause is twice the one before, so often.
 MOST_DOUBLED = 4
 
@@ -380,8 +382,15 @@ class Healing:
 
     def _returned(self, reason: str) -> None:
         on_trial, self._on_trial = self._on_trial, False
-        if on_trial or self.phase == "asked":
+        if not (on_trial or self.phase == "asked") or self.version is None:
+            return
+        tries = self.version.evidence["tries"] = int(self.version.evidence.get("tries", 0)) + 1
+        if reason == REVERTED or tries >= TRIES:
             self._end("went_back", "" if reason == REVERTED else reason)
+            return
+        self._keep("proposed", f"the daemon took it back, it is tried once more: {reason}")
+        self._acts_since = self._t
+        self._enter("decided")
 
     def _weigh(self, from_s: float) -> None:
         assert self.version is not None

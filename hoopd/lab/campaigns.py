@@ -63,6 +63,7 @@ def learn(
     confidence: float | None = None,
     seed: int | None = None,
     folder: Path | str = "learned",
+    memory: Path | str | None = None,
     jobs: int | None = None,
     sets: Mapping[str, Any] | None = None,
 ) -> LearnedModel:
@@ -80,6 +81,8 @@ def learn(
         Of signals, rig and search; 0.
     folder : str or Path
         Of the campaign; one that was broken off goes on.
+    memory : Path or str, optional
+        What is known of this device (`hoopd.memory/1`): the prior of each diagnosis, and what is learned is added.
     jobs : int, optional
         Processes that share a diagnosis; 1.
     sets : mapping of str to object, optional
@@ -106,8 +109,16 @@ def learn(
     changes = dict(sets or {})
     if rig != HOOP:
         changes["sim.model"] = as_model(rig).save(place.with_name(f"{place.name}_rig.yaml")).path
+    known = None if memory is None else Path(memory)
     asked = from_python(
-        LearnOptions, budget=budget, confidence=confidence, seed=seed, folder=place, jobs=jobs, sets=changes
+        LearnOptions,
+        budget=budget,
+        confidence=confidence,
+        seed=seed,
+        folder=place,
+        memory=known,
+        jobs=jobs,
+        sets=changes,
     )
     with tempfile.TemporaryDirectory() as scratch:
         told = Path(scratch) / "told.json"

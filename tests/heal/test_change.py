@@ -8,15 +8,18 @@ import msgspec
 import pytest
 from saiddiagnosis import said
 
-from hoopd.diagnose.record import Base, Diagnosis, EffectFinding, Quantity
+from hoopd.diagnose.record import Base, Diagnosis, EffectFinding, Evidence, Quantity
 from hoopd.heal.change import NOTHING, PARAMETERS, PHYSICS, SENSOR, UNKNOWN, judged
+
+COUNTED = Evidence(log_likelihood_gain=90.0, threshold=10.0, heldout_gain_percent=None)
+TINY = Evidence(log_likelihood_gain=47.0, threshold=10.0, heldout_gain_percent=0.0007)
 
 
 def found(name: str, sizes: dict[str, float] | None = None, **more: Any) -> Diagnosis:
     """A diagnosis with one confirmed effect."""
     diagnosis = said(0.9)
     parameters = {key: Quantity(value=one, unit="", ci95=None, nominal=0.0) for key, one in (sizes or {}).items()}
-    told = {"name": name, "slot": name.partition(".")[0], "parameters": parameters, "explained": 0.9, **more}
+    told = {"name": name, "slot": name.partition(".")[0], "parameters": parameters, **more}
     effect: EffectFinding = msgspec.structs.replace(diagnosis.effects[0], **told)
     return msgspec.structs.replace(diagnosis, effects=[effect])
 
@@ -47,7 +50,7 @@ def test_a_parameter_that_left_its_interval_is_a_changed_parameter() -> None:
 
 @pytest.mark.parametrize("name", ["camera.outliers", "camera.late_frames", "camera.center_offset", "encoder.harmonic"])
 def test_a_broken_sensor_is_never_learned(name: str) -> None:
-    judgement = judged(found(name, {"share": 0.1}, explained=None), {}, 40.0)
+    judgement = judged(found(name, {"share": 0.1}, evidence=COUNTED), {}, 40.0)
     assert judgement.kind == SENSOR and not judgement.may_be_learned
 
 
@@ -82,6 +85,9 @@ def test_what_is_not_sure_or_has_no_law_is_left() -> None:
 
 def test_a_correction_beside_the_change_is_no_change() -> None:
     friction, late = (found(*one).effects[0] for one in (("hoop.coulomb_friction",), ("encoder.latency", {"d": 7e-5})))
-    late = msgspec.structs.replace(late, explained=0.02)
+    late = msgspec.structs.replace(late, evidence=TINY)
     judgement = judged(said(effects=[friction, late]), {}, 40.0)
     assert judgement.kind == PHYSICS and list(judgement.effects) == ["hoop.coulomb_friction"]
+    # beside a changed parameter it is none, either
+    base = parameters(Ih=(2.0e-3, 1e-5, 1.5e-3))
+    assert judged(said(effects=[late], base=base, verdict="missing_physics"), {}, 40.0).kind == PARAMETERS

@@ -59,7 +59,7 @@ def grown(folder: Path, duration_s: float, for_s: float = 0.0, **how: Any) -> He
 
 @pytest.mark.timeout(300)
 def test_friction_that_grows_is_learned_accepted_by_the_policy_and_given_up_when_it_goes(tmp_path: Path) -> None:
-    run = grown(tmp_path, 260.0, for_s=130.0, plan=QUICK, policy=POLICY, worker=ToldWorker)
+    run = grown(tmp_path, 190.0, for_s=80.0, plan=QUICK, policy=POLICY, worker=ToldWorker)
     first, second, *_ = run.versions
     assert second.accepted is not None, run.told
     assert (

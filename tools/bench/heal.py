@@ -47,8 +47,9 @@ from hoopd.plants.effects.vocabulary import known_effects  # noqa: E402
 from hoopd.plants.model_file import effects_plant, load_model  # noqa: E402
 from hoopd.sim import truth  # noqa: E402
 
-CHANGE_S, DURATION_S, JUDGED_S, STEP_S = 60.0, 330.0, 60.0, 3.0
+CHANGE_S, DURATION_S, JUDGED_S, STEP_S = 60.0, 300.0, 60.0, 3.0
 RECOVERED, WORSE = 1.2, 1.05
+MOST_RAD = 0.1  # references, as far as those of `hoopd compare`
 POLICY = HealPolicy(schema="hoopd.policy/1", effects=["*.*"], parameter_change=10.0, pause_s=0.0, most_per_day=1000)
 console = Console()
 
@@ -79,7 +80,7 @@ KINDS = {
 def sets_of(kind: Kind, sizes: dict[str, float], rng: np.random.Generator) -> list[str]:
     """The rig's keys: what is hidden, and what the operator asks for."""
     told = ", ".join(f"{key}: {value:.6g}" for key, value in sizes.items())
-    moves = (f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-0.15, 0.15):.3f}}}" for t in _times())
+    moves = (f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in _times())
     sets = [f"sim.commands=[{', '.join(moves)}]"]
     if kind.effect:
         effect = f"{{name: {kind.effect}, parameters: {{{told}}}, at_s: {CHANGE_S:g}, for_s: {kind.for_s:g}}}"

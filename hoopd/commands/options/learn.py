@@ -64,7 +64,6 @@ class LearnOptions:
         "--memory",
         text="What is known of this device (hoopd.memory/1): the prior of each diagnosis; what is learned is added.",
         metavar="FILE",
-        python=False,
     )
     jobs: int = option("--jobs", min=1, max=64, text="Processes that share a diagnosis.", default=1)
     yes: bool = option(
