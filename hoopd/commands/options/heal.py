@@ -19,7 +19,9 @@ class HealOptions:
 
     action: str = argument("watch, list, show, accept, leave or restore.", metavar="ACTION", default="watch")
     number: str = argument("show, accept, leave, restore: a version's number.", metavar="NUMBER", default="")
-    out: Path = option("--out", text="Folder of the versions; what was broken off goes on.", default=Path("healed"))
+    out: Path = option(
+        "--out", text="Folder of the versions; what was broken off goes on.", default=Path("healed"), metavar="FOLDER"
+    )
     recordings: Path | None = option(
         "--recordings", text="watch: folder into which the daemon records.", metavar="FOLDER", python=False
     )
