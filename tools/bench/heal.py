@@ -131,7 +131,7 @@ def cost_of_healed(run: HealedRun) -> float:
     from hoopd.recording.mcap import read
 
     recording, state = read(run.recording), truth.read(run.folder / "truth.csv")
-    rows = min(len(recording), len(state.t))
+    rows = min(len(recording), int(np.searchsorted(state.t, DURATION_S - 1e-6)))  # after it the hoop is braked
     ball, dtheta = state.psi[:rows], state.dtheta[:rows]
     return cost_of(recording.t[:rows], dtheta, ball, recording.u[:rows], recording.extra["reference"][:rows])
 
