@@ -39,15 +39,18 @@ def laid(results: Path, number: int, kind: str, files: dict[str, str], **of: Any
 def jobs_of_a_walk(results: Path) -> None:
     result = json.dumps({"summary": SUMMARY, "next_experiment": PLANNED})
     laid(results, 1, "diagnose", {"report.html": "<p>report</p>", "result.json": result, "model.yaml": "a: 1\n"})
-    laid(results, 2, "diagnose", {"report.html": "", "result.json": "[1, 2]"}, state="failed", line=DOUBTED)
-    laid(results, 3, "design", {"result.json": json.dumps({"summary": 7}), "controller.yaml": LQG})
+    doubted = {"report.html": "", "result.json": json.dumps({"summary": 7, "next_experiment": PLANNED})}
+    laid(results, 2, "diagnose", doubted, state="failed", line=DOUBTED)
+    laid(results, 3, "design", {"result.json": "[1, 2]", "controller.yaml": LQG})
     laid(results, 4, "identify", {"model.yaml": "a: 1\n"})
+    of_an_axis = {"kind": "fit", "recordings": ["first.csv"], "fields": {"plant": "axis"}}
+    laid(results, 5, "fit", {"model.yaml": "a: 1\n"}, order=of_an_axis)
 
 
 def test_a_result_tells_its_summary_and_what_is_none_tells_nothing(tmp_path: Path) -> None:
     jobs_of_a_walk(tmp_path)
     told = Jobs(tmp_path / "jobs").told()
-    assert {one["number"]: one["summary"] for one in told} == {1: SUMMARY, 2: "", 3: "", 4: ""}
+    assert {one["number"]: one["summary"] for one in told} == {1: SUMMARY, 2: "", 3: "", 4: "", 5: ""}
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
@@ -70,11 +73,16 @@ def test_a_click_leads_from_a_diagnosis_to_a_design_and_from_there_to_the_compar
         served(Feed([settings.endpoint], {}), operators, bench=bench) as web,
         opened(tmp_path, f"{web.origin}/#work", 1440, 1000) as page,
     ):
-        page.wait_for("document.querySelectorAll('#jobs > li').length === 4")
+        page.wait_for("document.querySelectorAll('#jobs > li').length === 5")
         assert SUMMARY in page.text("[data-job='1']") and "--yes" not in page.text("#jobs")
         assert page.ask(f"{button(3, 'Compare')}.disabled") is True  # nobody is logged in
-        log_in(page)
-        page.wait_for(f"!{button(3, 'Compare')}.disabled")
+        assert "Design with this model" not in page.text("[data-job='5']")  # of another plant
+        page.ask(f"{button(2, 'Report')}.click()")
+        above = "document.querySelector('#viewer-steps button:last-of-type')"  # the report that is open
+        page.wait_for(f"{above}?.innerText === 'Again, and write the model' && {above}.disabled")
+        page.wait_for("new Promise(done => { const y = scrollY; setTimeout(() => done(y && y === scrollY), 300); })")
+        log_in(page)  # by clicks at a place, once nothing moves any more
+        page.wait_for(f"!{button(3, 'Compare')}.disabled && !{above}.disabled")
         page.ask(f"{button(1, 'Design with this model')}.click()")
         assert page.ask(value("model")) == "1/model.yaml" and page.ask(value("law")) == "lqg"
         assert page.ask("document.querySelector('#job-form select').value") == "design"
@@ -82,15 +90,24 @@ def test_a_click_leads_from_a_diagnosis_to_a_design_and_from_there_to_the_compar
         assert page.ask(value("identified")) == "4/model.yaml" and page.ask(value("law")) == "identified"
         page.ask(f"{button(1, 'Report')}.click()")
         page.wait_for("document.querySelector('#viewer-steps').innerText.includes('is a click here')")
-        page.click("#viewer-steps button:last-of-type")
+        page.ask(f"{above}.click()")
         page.wait_for(f"{value('model')} === '1/model.yaml'")
         page.ask(f"{button(2, 'Again, and write the model')}.click()")
-        page.wait_for("document.querySelectorAll('#jobs > li').length === 5")
+        page.wait_for("document.querySelectorAll('#jobs > li').length === 6")
         assert bench.jobs.told()[0]["order"]["fields"] == {"yes": "write it, too"}
+        page.ask(f"{button(1, 'Report')}.click()")
+        bench.jobs.remove(4)
+        design = "page.work.jobs.design({number: 4, order: {kind: 'identify', fields: {}}})"
+        page.wait_for("!document.querySelector('[data-job=\"4\"]')")
+        page.ask(f"void {design}")
+        assert "the model of job 4 is not there any more" in page.text("#answer")
+        assert page.ask(value("model")) == "1/model.yaml" and page.text("#viewer-steps")
+        bench.jobs.remove(1)
+        page.wait_for("document.querySelector('#viewer-steps').innerText === ''")
         page.ask(f"{button(3, 'Compare')}.click()")
         page.wait_for("document.querySelector('#candidate').value.startsWith('job3.yaml@')")
         assert page.ask("page.views.shown") == "try"
         page.ask("void (location.hash = '#work')")
-        page.ask(f"{button(1, 'Next experiment')}.click()")
+        page.ask(f"{button(2, 'Next experiment')}.click()")
         page.wait_for("document.querySelector('[data-signal=duration]').value === '12'")
         assert page.text("#signal-state") == "As the diagnosis proposes: why." and page.errors == []

@@ -1,7 +1,7 @@
 // A test signal: its kind and numbers inside the limits that the server keeps, how it goes, and where its recording is.
 
 import { modeWords } from './modes.js';
-import { element, inClicks, say } from './text.js';
+import { element, say } from './text.js';
 
 const ASK_MS = 1000;
 const MEANING = {

@@ -25,6 +25,7 @@ export class Jobs {
     if (shown === this.listed) return;
     this.listed = shown;
     byId('jobs').replaceChildren(...(told.jobs.length ? told.jobs.map(job => this.row(job)) : [element('li', { class: 'nothing' }, 'none yet')]));
+    this.work.renew();
   }
 
   // ---- asking
@@ -116,6 +117,10 @@ export class Jobs {
   /** The form of a design, with the model that a job wrote. */
   design({ number: job, order }) {
     const identified = order.kind === 'identify', form = byId('job-form');
+    if (!this.told.models.includes(`${job}/model.yaml`)) {
+      this.work.commands.show(`the model of job ${job} is not there any more`, 'bad');
+      return;
+    }
     this.form('design');
     form.querySelector(`[name=${identified ? 'identified' : 'model'}]`).value = `${job}/model.yaml`;
     if (identified) form.querySelector('[name=law]').value = 'identified';
@@ -144,15 +149,22 @@ export class Jobs {
   // ---- what there is
 
   /** What a job that is over leads to: a click each, instead of the commands that its output names. */
-  steps(job, may = Boolean(this.work.commands.user)) {
+  steps(job) {
     const { order, files } = job, has = name => files.includes(name), { hands_over: offered } = this.told;
+    const may = Boolean(this.work.commands.user), ofTheHoop = !order.fields.plant; // what designs and plays knows no other plant
     const step = (label, title, act, can) => element('button', { type: 'button', disabled: !can, title, onclick: () => act.call(this, job) }, label);
     return [
-      order.kind === 'diagnose' && has('result.json') && step('Next experiment', 'the one that tells most, into the form that plays it', this.next, true),
+      ofTheHoop && order.kind === 'diagnose' && has('result.json') && step('Next experiment', 'the one that tells most, into the form that plays it', this.next, true),
       order.kind === 'diagnose' && job.line.includes('--yes') && step('Again, and write the model', 'as “A doubtful model: write it, too” does', this.write, may),
-      has('model.yaml') && step('Design with this model', 'the form of a design, filled in', this.design, true),
+      ofTheHoop && has('model.yaml') && step('Design with this model', 'the form of a design, filled in', this.design, true),
       has('controller.yaml') && step('Compare', offered ? 'it takes turns with the controller that acts, in Try' : 'the page’s server was started without --controllers', this.compare, may && offered),
     ].filter(Boolean);
+  }
+
+  /** Of a job whose report is open: it may be gone meanwhile. */
+  stepsNow(number) {
+    const job = this.told.jobs.find(one => one.number === number);
+    return job ? this.steps(job) : [];
   }
 
   row(job) {
@@ -160,7 +172,7 @@ export class Jobs {
     const on = [...order.recordings, ...order.holdout.map(name => `${name} (held back)`), ...Object.entries(order.fields).map(([name, value]) => `${name} ${value}`)];
     const seconds = job.begun && (job.ended ?? Date.now() / 1e3) - job.begun;
     const act = (label, path) => element('button', { type: 'button', disabled: !may, onclick: () => this.work.change(`job ${job.number}: ${label}`, path, { number: job.number }) }, label);
-    const open = name => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name), name === 'report.html' ? this.steps(job, true) : []);
+    const open = name => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name), name === 'report.html' ? () => this.stepsNow(job.number) : undefined);
     const over = !['waiting', 'running'].includes(state), steps = over ? this.steps(job) : [];
     return element('li', { 'data-state': state, 'data-job': job.number },
       element('div', { class: 'row' }, element('b', {}, `${job.number} ${order.kind}`), element('span', {}, `${WORDS[state]}${seconds && over ? ` in ${number(seconds, 0)} s` : ''}`)),

@@ -8,7 +8,7 @@ const ASK_MS = 1500;
 
 export class Work {
   constructor(commands, seen) {
-    Object.assign(this, { commands, seen, asking: false });
+    Object.assign(this, { commands, seen, asking: false, steps: () => [] });
     this.recordings = new Recordings(this);
     this.jobs = new Jobs(this);
     addEventListener('view', () => this.ask());
@@ -54,9 +54,10 @@ export class Work {
     }
   }
 
-  /** A page of results, inside this one; `steps`: buttons that do what its commands would. */
-  open(title, address, steps = []) {
-    byId('viewer-steps').replaceChildren(...(steps.length ? [element('span', { class: 'detail' }, 'What the report asks for by a command is a click here:'), ...steps] : []));
+  /** A page of results, inside this one; `steps`: makes buttons that do what its commands would. */
+  open(title, address, steps = () => []) {
+    Object.assign(this, { steps, shown: null });
+    this.renew();
     byId('viewer').hidden = false;
     say(byId('viewer-title'), title);
     byId('viewer-link').href = address;
@@ -64,7 +65,16 @@ export class Work {
     byId('viewer').scrollIntoView({ behavior: 'smooth', block: 'start' });
   }
 
+  /** The buttons above the page that is open, as job and login are now. */
+  renew() {
+    const steps = this.steps(), shown = steps.map(step => step.outerHTML).join();
+    if (shown === this.shown) return; // the focus stays where it is
+    this.shown = shown;
+    byId('viewer-steps').replaceChildren(...(steps.length ? [element('span', { class: 'detail' }, 'What the report asks for by a command is a click here:'), ...steps] : []));
+  }
+
   close() {
+    this.steps = () => [];
     byId('viewer').hidden = true;
     byId('viewer-frame').src = 'about:blank';
   }
