@@ -97,6 +97,7 @@ def test_the_fault_and_what_clears_it_stand_on_every_view_and_in_the_hints(tmp_p
             assert page.ask("document.documentElement.scrollWidth - innerWidth") <= 0
             assert page.ask(BOTTOM) <= 0.3 * height + 1 and page.ask(f"{LINE}.scrollHeight - {LINE}.clientHeight") <= 0
             page.ask("void page.work.open('a report', 'about:blank')")
-            told.until(f"((top, bottom) => bottom <= top && top < bottom + 60)({TITLE_TOP}, {BOTTOM})", **full)
+            shown = f"(document.querySelector('#viewer').scrollIntoView(), {TITLE_TOP} - {BOTTOM})"
+            told.until(f"(gap => gap >= 0 && gap < 60)({shown})", **full)
         token.undeclare()  # type: ignore[no-untyped-call]
         assert page.errors == []
