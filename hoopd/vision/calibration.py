@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hoopd.vision.candidates import BallCandidate, Colour, choose_colour, find_candidates
-from hoopd.vision.circles import Circle, Points, find_hoop, fit_circle_robust
+from hoopd.vision.circles import Circle, Points, find_hoop, fit_circle_robust, fit_of, places_of
 from hoopd.vision.detector import Detector, DetectorSettings
 
 Image = NDArray[np.uint8]
@@ -199,7 +199,8 @@ def propose_from_run(positions_px: Points) -> RunProposal:
         raise CalibrationError(f"{len(points)} positions are too few: a circle needs {LEAST_POSITIONS}")
     if float(np.ptp(points, axis=0).max()) < 5.0:
         raise CalibrationError("the ball does not move: a circle needs an arc")
-    fit = fit_circle_robust(points)
+    # each place once: a ball at rest for most of a run would draw the circle into its own noise
+    fit = fit_of(fit_circle_robust(places_of(points)).circle, points)
     if fit.kept < LEAST_KEPT or fit.residual_px > MOST_RESIDUAL * fit.circle.radius_px:
         raise CalibrationError(
             f"no circle: only {100 * fit.kept:.0f} % of the positions lie on one, to {fit.residual_px:.1f} px"

@@ -74,12 +74,27 @@ def fit_circle_robust(points: Points, tolerance_px: float = 1.0, seed: int = 0) 
         if cost < best_cost:
             best, best_cost = trial, cost
     for _ in range(10):
-        distance = np.abs(radial_distance(best, points))
-        # 1.4826 median|e| is the standard deviation of a normal law; 3 of them keep 99.7 % of the good points
-        keep = distance <= max(tolerance_px, 3.0 * 1.4826 * float(np.median(distance)))
-        best = fit_circle(points[keep])
-    residual = radial_distance(best, points[keep])
-    return CircleFit(best, float(np.sqrt(np.mean(residual**2))), float(keep.mean()))
+        best = fit_circle(points[_near(best, points, tolerance_px)])
+    return fit_of(best, points, tolerance_px)
+
+
+def fit_of(circle: Circle, points: Points, tolerance_px: float = 1.0) -> CircleFit:
+    """How a circle fits N x 2 points: those that lie on it, and how far off they are."""
+    near = _near(circle, points, tolerance_px)
+    residual = radial_distance(circle, points[near])
+    return CircleFit(circle, float(np.sqrt(np.mean(residual**2))), float(near.mean()))
+
+
+def _near(circle: Circle, points: Points, tolerance_px: float) -> NDArray[np.bool_]:
+    distance = np.abs(radial_distance(circle, points))
+    # 1.4826 median|e| is the standard deviation of a normal law; 3 of them keep 99.7 % of the good points
+    return np.asarray(distance <= max(tolerance_px, 3.0 * 1.4826 * float(np.median(distance))))
+
+
+def places_of(points: Points, cell_px: float = 2.0) -> Points:
+    """The mean of N x 2 points in each square cell that has any: a ball at rest is in few of them."""
+    _, cell, count = np.unique(np.round(points / cell_px), axis=0, return_inverse=True, return_counts=True)
+    return np.column_stack([np.bincount(cell.ravel(), weights=points[:, axis]) / count for axis in (0, 1)])
 
 
 def find_hoop(bgr: NDArray[np.uint8]) -> tuple[Circle, float] | None:

@@ -266,6 +266,12 @@ def test_rest_after_a_swing_gives_the_zero() -> None:
     assert found.zero_angle_rad == pytest.approx(0.03, abs=0.003)
 
 
+def test_a_ball_that_rests_for_most_of_a_run_does_not_draw_the_circle_into_its_noise() -> None:
+    found = propose_from_run(swing(decay=2.5, noise_px=0.5, seconds=40.0))
+    assert found.track == pytest.approx((238.0, 236.0, 182.0), abs=5.0)
+    assert found.kept > 0.95 and found.residual_px == pytest.approx(0.5, abs=0.1)
+
+
 def test_outliers_and_missing_positions_do_not_move_the_circle() -> None:
     points = swing()
     rng = np.random.default_rng(2)
