@@ -16,6 +16,7 @@ from hoopd.dashboard.feed import Feed
 from hoopd.dashboard.operators import Operators
 from hoopd.dashboard.work.bench import Bench
 
+JOB_S = 100.0  # a job of the idle class, on a machine that has other work
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
 ROWS = "document.querySelectorAll('#recordings tbody tr').length"
 THUMBNAILS = "document.querySelectorAll('#recordings svg path').length"
@@ -65,7 +66,7 @@ def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
         page.type("#job-form [name=orders]", "1,1")
         change(page, "#job-form [name=holdout]", "second.csv")
         page.click("#job-form .primary")
-        page.wait_for("document.querySelector('#jobs li').dataset.state === 'done'")
+        page.wait_for("document.querySelector('#jobs li').dataset.state === 'done'", JOB_S)
         assert "second.csv (held back)" in page.text("#jobs") and "by operator" in page.text("#jobs")
         page.click("#jobs .row button")
         page.wait_for(f"{FRAME}.src.includes('file?job=1')")
