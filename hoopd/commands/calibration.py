@@ -5,7 +5,6 @@ Rules of this file: options in, a result record out; nothing is ever overwritten
 
 from __future__ import annotations
 
-import getpass
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import msgspec
 
 from hoopd.commands.options.calibration import CalibrationOptions
+from hoopd.commands.version_words import user_name, version_number
 from hoopd.files.calibration import AcceptedCalibration, Calibrations, ListedCalibration
 from hoopd.files.reading import InputError, parse_yaml, read_text
 from hoopd.shell import config as configuration
@@ -55,7 +55,7 @@ def _row(one: ListedCalibration) -> dict[str, Any]:
 
 
 def _show(folder: Calibrations, options: CalibrationOptions) -> dict[str, Any]:
-    version = folder.read(_number(options.what))
+    version = folder.read(version_number(options.what, "calibration"))
     listed = next(one for one in folder.listed() if one.number == version.number)
     told: dict[str, Any] = msgspec.to_builtins(version)
     changes = {one.key: {"before": one.before, "now": one.now} for one in listed.changes}
@@ -71,29 +71,16 @@ def _add(folder: Calibrations, options: CalibrationOptions) -> dict[str, Any]:
     path = Path(options.what)
     part = configuration.calibration_part(parse_yaml(read_text(path), path), path)
     device = configuration.load_to_ask(options.config, list(options.sets)).device.name
-    return _added(folder.add(part, device=device, who=_user(), why=options.why or f"from {path.name}"))
+    return _added(folder.add(part, device=device, who=user_name(), why=options.why or f"from {path.name}"))
 
 
 def _restore(folder: Calibrations, options: CalibrationOptions) -> dict[str, Any]:
-    return _added(folder.restore(_number(options.what), _user()))
+    return _added(folder.restore(version_number(options.what, "calibration"), user_name()))
 
 
 def _added(version: AcceptedCalibration) -> dict[str, Any]:
     fields = {"version": version.number, "who": version.who, "why": version.why}
     return {**fields, "configuration": version.configuration, "notes": [COUNTS], "exit": 0}
-
-
-def _number(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 4):
-        raise InputError("NUMBER", text, "expected a version's number; `hoopd calibration list` has them")
-    return int(text)
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # nobody of that number
-        return "unknown"
 
 
 ACTIONS: Mapping[str, Callable[[Calibrations, CalibrationOptions], dict[str, Any]]] = {

@@ -8,7 +8,6 @@ goes back in the daemon.
 from __future__ import annotations
 
 import fcntl
-import getpass
 import os
 import queue
 import threading
@@ -24,6 +23,7 @@ import typer
 from hoopd.commands.options.heal import HealOptions
 from hoopd.commands.options.shared import finish
 from hoopd.commands.output import check_json
+from hoopd.commands.version_words import user_name, version_number
 from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _row(one: HealVersion) -> dict[str, Any]:
 def _show(options: HealOptions) -> dict[str, Any]:
     import msgspec
 
-    told: dict[str, Any] = msgspec.to_builtins(_folder(options).read(_number(options)))
+    told: dict[str, Any] = msgspec.to_builtins(_folder(options).read(version_number(options.number, "heal")))
     return told
 
 
@@ -92,25 +92,25 @@ def _leave(options: HealOptions) -> dict[str, Any]:
 def _decided(options: HealOptions, *, accept: bool) -> dict[str, Any]:
     from hoopd.heal.versions import HealDecision
 
-    folder, number = _folder(options), _number(options)
-    folder.decide(number, HealDecision(accept=accept, who=_user()))
+    folder, number = _folder(options), version_number(options.number, "heal")
+    folder.decide(number, HealDecision(accept=accept, who=user_name()))
     word = "goes on trial" if accept else "is left"
     there = _is_watched(folder)
     says = f"version {number} {word}" if there else f"no hoopd heal runs here: version {number} {word} once one does"
-    return {"version": number, "decided_by": _user(), "says": says}
+    return {"version": number, "decided_by": user_name(), "says": says}
 
 
 def _restore(options: HealOptions) -> dict[str, Any]:
     """Any version that once acted, by one command to the daemon; what watches notes that somebody changed it."""
     from hoopd.commands.operator import ask
 
-    folder, number = _folder(options), _number(options)
+    folder, number = _folder(options), version_number(options.number, "heal")
     version = folder.read(number)
     if version.accepted is None:
         raise InputError(folder.folder, str(number), f"never acted (it is {version.state.replace('_', ' ')})")
     folder.check(number)
     answer = ask({"command": "controller", "key": version.key}, options.config, options.sets)
-    folder.keep(version, time.time(), f"restored by {_user()}")
+    folder.keep(version, time.time(), f"restored by {user_name()}")
     folder.acts(version.acts_as)
     return {"version": number, "key": version.key, "mode": answer["mode"], "says": f"version {number} acts"}
 
@@ -121,20 +121,6 @@ def _folder(options: HealOptions) -> VersionFolder:
     folder = VersionFolder(options.out)
     folder.loop()
     return folder
-
-
-def _number(options: HealOptions) -> int:
-    text = options.number
-    if not (text.isascii() and text.isdigit() and len(text) <= 4):
-        raise InputError("NUMBER", text, "expected a version's number; `hoopd heal list` has them")
-    return int(text)
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # nobody of that number
-        return "unknown"
 
 
 @contextmanager
@@ -293,7 +279,7 @@ class _FollowedDaemon:
                 self._folder.acts(known[0])
             return
         model = parse_loaded(ControllerLoader(self._config, self._options.config).load(key, "heal")).model
-        self._folder.first(key, self._controllers.text(key), model, time.time(), _user())
+        self._folder.first(key, self._controllers.text(key), model, time.time(), user_name())
 
     def _worker(self, plan: HealPlan) -> HealWorker:
         from hoopd.commands.heal_work import HealWorker

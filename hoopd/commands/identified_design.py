@@ -146,10 +146,7 @@ def _left_open(file: IdentifiedFile, law: LinearLaw) -> WorstCase | None:
 
 def _worst(found: WorstCase) -> dict[str, Any]:
     return {
-        "phase_margin_deg": number(degrees(found.phase_rad)),
-        "gain_margin": number(found.gain_up),
-        "delay_margin_s": number(found.delay_s),
-        "largest_sensitivity": number(found.peak_sensitivity),
+        **_margins(found),
         "stable_share": found.stable_share,
         "models": found.models,
         "level": found.level,
@@ -163,7 +160,7 @@ def _unstable_ones(found: WorstCase) -> str:
     )
 
 
-def _margins(found: Margins) -> dict[str, Any]:
+def _margins(found: Margins | WorstCase) -> dict[str, Any]:
     return {
         "phase_margin_deg": number(degrees(found.phase_rad)),
         "gain_margin": number(found.gain_up),

@@ -20,7 +20,7 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.found_effects import REGION_NAMES, FoundEffects, Region
 from hoopd.plants.hoop.loop.filter_modes import ball_modes
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.recordings.sensor_correction import correction
+from hoopd.plants.hoop.recordings.sensor_correction import correction, misleads
 
 # A rate that comes through a filter of its own says what the angle says, later: it gets no weight.
 NO_WEIGHT = 1e6
@@ -77,7 +77,7 @@ def _reason(effect: Effect) -> str:
 
 def corrected(found: FoundEffects) -> tuple[str, ...]:
     """Those that the filter's readings are corrected for, or that take a reading its weight."""
-    return tuple(e.name for e in found.believed().effects() if e.sensor or e.shift or e.sensor_lag)
+    return tuple(e.name for e in found.believed().effects() if misleads(e) or e.sensor_lag)
 
 
 def modes_of(found: FoundEffects) -> tuple[str, ...]:

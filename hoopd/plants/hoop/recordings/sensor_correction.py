@@ -39,7 +39,7 @@ def correction(found: FoundEffects) -> Correction | None:
     q <- reading - error(q). A frame that leans by d is a camera that reads d too much: the two are never told apart,
     and a ball at rest is then at zero in either case.
     """
-    wrong = [one for one in found.effects() if one.sensor is not None or one.shift is not None]
+    wrong = [one for one in found.effects() if misleads(one)]
     if not wrong:
         return None
     read, values = ca.SX.sym("read", 3), found.values
@@ -48,6 +48,11 @@ def correction(found: FoundEffects) -> Correction | None:
         point = found.plant.point(ca.vertcat(true[0], true[1], true[2], 0.0), found.base)
         true = read - sum((_error(one, point, values) for one in wrong), ca.SX.zeros(3))
     return CompiledCorrection(Call(ca.Function("correct", [read], [ca.densify(true)], {"cse": True})))
+
+
+def misleads(effect: Effect) -> bool:
+    """Whether a reading is wrong by it, so that it can be corrected."""
+    return effect.sensor is not None or effect.shift is not None
 
 
 def _error(effect: Effect, point: Point, values: dict[str, float]) -> Any:
