@@ -1,24 +1,14 @@
-"""`hoopd heal`: a process beside a running daemon that follows it, and the versions that it keeps.
+"""`hoopd heal`: the versions that it keeps, listed, decided and restored; `heal_watch` follows a daemon.
 
-Rules of this file: it commands what an operator could, by the same ways; what it decides stands in `hoopd.heal`, what
-it computes in `heal_work`. Killed at any moment it leaves the loop on what was accepted: a trial that nobody watches
-goes back in the daemon.
+Rules of this file: every action ends at once; only `restore` tells the daemon something, as an operator would.
 """
 
 from __future__ import annotations
 
-import fcntl
-import os
-import queue
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import typer
 
 from hoopd.commands.options.heal import HealOptions
 from hoopd.commands.options.shared import finish
@@ -27,31 +17,21 @@ from hoopd.commands.version_words import user_name, version_number
 from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
-    from hoopd.commands.heal_work import HealWorker
-    from hoopd.dashboard.device import ShownDevice
-    from hoopd.dashboard.feed import Connection
-    from hoopd.heal.healing import Healing, HealPlan, HealWork
-    from hoopd.heal.versions import HealVersion, VersionFolder
-    from hoopd.shell.config import Config
-
-LOOK_S, WAITING_S, AGAIN_S, LAST_S = 0.2, 10.0, 1.0, 5.0
-NICE = 5  # of this process; what it starts gets what nobody else wants
-LOCK = ".watched"
+    from hoopd.files.heal_versions import HealVersion, VersionFolder
 
 
 def heal(options: HealOptions) -> None:
     """One of the actions; `watch` goes on until Ctrl-C."""
     check_json(options.json_path)
     if options.action == "watch":
-        _watch(options)
+        from hoopd.commands.heal_watch import watch
+
+        watch(options)
         return
     action = ACTIONS.get(options.action)
     if action is None:
         raise InputError("ACTION", options.action, f"unknown; known: watch, {', '.join(ACTIONS)}")
     finish(action(options), options.json_path)
-
-
-# ---------------------------------------------------------------------------------------------- versions
 
 
 def _list(options: HealOptions) -> dict[str, Any]:
@@ -60,7 +40,7 @@ def _list(options: HealOptions) -> dict[str, Any]:
     folder = _folder(options)
     loop = folder.loop()
     rows = {f"{one.number:04}": _row(one) for one in folder.every()}
-    return {"device": loop.device, "acting": f"{loop.acting:04}", "watched": _is_watched(folder), "versions": rows}
+    return {"device": loop.device, "acting": f"{loop.acting:04}", "watched": folder.is_watched, "versions": rows}
 
 
 def _row(one: HealVersion) -> dict[str, Any]:
@@ -90,12 +70,12 @@ def _leave(options: HealOptions) -> dict[str, Any]:
 
 
 def _decided(options: HealOptions, *, accept: bool) -> dict[str, Any]:
-    from hoopd.heal.versions import HealDecision
+    from hoopd.files.heal_versions import HealDecision
 
     folder, number = _folder(options), version_number(options.number, "heal")
     folder.decide(number, HealDecision(accept=accept, who=user_name()))
     word = "goes on trial" if accept else "is left"
-    there = _is_watched(folder)
+    there = folder.is_watched
     says = f"version {number} {word}" if there else f"no hoopd heal runs here: version {number} {word} once one does"
     return {"version": number, "decided_by": user_name(), "says": says}
 
@@ -116,215 +96,13 @@ def _restore(options: HealOptions) -> dict[str, Any]:
 
 
 def _folder(options: HealOptions) -> VersionFolder:
-    from hoopd.heal.versions import VersionFolder
+    from hoopd.files.heal_versions import VersionFolder
 
     folder = VersionFolder(options.out)
     folder.loop()
     return folder
 
 
-@contextmanager
-def _watching(folder: VersionFolder) -> Iterator[None]:
-    """Alone: two that follow one loop would undo each other's work."""
-    with (folder.folder / LOCK).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(folder.folder, "--out", "another hoopd heal is at work here") from None
-        yield
-
-
-def _is_watched(folder: VersionFolder) -> bool:
-    path = folder.folder / LOCK
-    if not path.exists():
-        return False
-    with path.open("r") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
-
-
 ACTIONS: Mapping[str, Callable[[HealOptions], dict[str, Any]]] = {
     "list": _list, "show": _show, "accept": _accept, "leave": _leave, "restore": _restore,
 }  # fmt: skip
-
-
-# ---------------------------------------------------------------------------------------------- watch
-
-
-def _watch(options: HealOptions) -> None:
-    from hoopd.dashboard.feed import Connection
-    from hoopd.files.heal_policy import load_policy
-    from hoopd.heal.versions import VersionFolder
-
-    plan = _plan(options)
-    policy = None if options.policy is None else load_policy(options.policy)
-    config = _config(options)
-    recordings = _recordings(options, config)
-    folder = VersionFolder(options.out)
-    folder.begin(config.device.name)
-    # Of zenoh's keys a reader shares user, password and certificates with the daemon, not where it listens.
-    extras = {key: value for key, value in config.telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
-    os.nice(NICE)
-    connection = Connection(options.connect or config.telemetry.endpoint, extras)
-    with _watching(folder):
-        connection.start()
-        try:
-            with suppress(KeyboardInterrupt):
-                while True:
-                    device = _awaited(connection, config.device.name)
-                    _FollowedDaemon(options, config, device, folder, recordings).follow(plan, policy)
-                    time.sleep(AGAIN_S)
-        finally:
-            connection.close()
-
-
-def _plan(options: HealOptions) -> HealPlan:
-    from hoopd.design.comparison import MEASURES
-    from hoopd.heal.healing import HealPlan
-
-    if options.number:
-        raise InputError("watch", options.number, "takes no number")
-    if options.by not in MEASURES:
-        raise InputError("--by", "", f"{options.by!r} is none of {', '.join(MEASURES)}")
-    return HealPlan(window_s=options.window_s, every_s=options.every_s, trial_s=options.trial_s, by=options.by)
-
-
-def _config(options: HealOptions) -> Config:
-    from hoopd.shell.config import load
-
-    told = [] if options.controllers is None else [f"control.folder={options.controllers.resolve()}"]
-    return load(options.config, sim=False, overrides=[*options.sets, *told])
-
-
-def _recordings(options: HealOptions, config: Config) -> Path:
-    told = options.recordings or (Path(config.recording.directory) if config.recording.directory else None)
-    if told is None:
-        raise InputError("--recordings", "", "the folder into which the daemon records (hoopd --record FOLDER)")
-    if not told.is_dir():
-        raise InputError(told, "--recordings", "no such folder")
-    return told.resolve()
-
-
-def _awaited(connection: Connection, name: str) -> ShownDevice:
-    """The daemon, as soon as it tells of itself and of what was accepted."""
-    due = time.monotonic()
-    while True:
-        device = connection.devices.get(name)
-        if device is not None and device.alive and device.history.count and _accepted(device):
-            return device
-        if time.monotonic() >= due:
-            typer.echo(f"waiting for {name}: {connection.trouble or 'it says nothing of an accepted controller'}")
-            due = time.monotonic() + WAITING_S
-        time.sleep(LOOK_S)
-
-
-def _accepted(device: ShownDevice) -> str:
-    """NAME.yaml@SHA256 of what a device tells as accepted; empty while another one acts."""
-    told = device.status.get("controller")
-    if not isinstance(told, dict) or told.get("purpose") != "controller" or told.get("next"):
-        return ""
-    return f"{told.get('file')}@{told.get('sha256')}"
-
-
-class _FollowedDaemon:
-    """One run of a daemon, from its first word to its last."""
-
-    def __init__(
-        self, options: HealOptions, config: Config, device: ShownDevice, folder: VersionFolder, recordings: Path
-    ) -> None:
-        from hoopd.daemon.loading import controller_folder
-        from hoopd.dashboard.work.controllers import Controllers
-
-        self._options, self._config, self._device, self._folder = options, config, device, folder
-        self._recordings = recordings
-        self._controllers = Controllers(controller_folder(config, options.config))
-        self._wanted: queue.Queue[HealWork | None] = queue.Queue()
-        self._results: queue.SimpleQueue[tuple[HealWork, dict[str, Any]]] = queue.SimpleQueue()
-
-    def follow(self, plan: HealPlan, policy: Any) -> None:
-        """Until the daemon is gone, somebody else changes its controller, or Ctrl-C."""
-        from hoopd.dashboard.turns import ComparisonSupervisor
-        from hoopd.heal.healing import Healing
-
-        self._note_what_acts()
-        healing = Healing(self._folder, plan, policy, time.time, self._device.run, typer.echo)
-        typer.echo(f"following {self._device.identity}: version {self._folder.loop().acting} acts")
-        worker = threading.Thread(target=self._work, args=(self._worker(plan),), daemon=True)
-        worker.start()
-        supervisor = ComparisonSupervisor(healing, self._device, self._send, lambda: self._attend(healing))
-        supervisor.start()
-        try:
-            while supervisor.alive:
-                time.sleep(LOOK_S)
-        except KeyboardInterrupt:
-            healing.stop("interrupted")
-            supervisor.join(LAST_S)  # for the trial to be taken back
-            raise
-        finally:
-            self._wanted.put(None)
-        typer.echo(f"no longer following: {healing.why or 'the daemon is gone'}")
-
-    def _note_what_acts(self) -> None:
-        """The version whose controller the daemon has; a new one for one that nobody knows."""
-        from hoopd.daemon.loading import ControllerLoader
-        from hoopd.files.loaded_controller import parse_loaded
-
-        key = _accepted(self._device)
-        known = [one.number for one in self._folder.every() if one.key == key and one.accepted is not None]
-        if known:
-            if self._folder.loop().acting not in known:
-                self._folder.acts(known[0])
-            return
-        model = parse_loaded(ControllerLoader(self._config, self._options.config).load(key, "heal")).model
-        self._folder.first(key, self._controllers.text(key), model, time.time(), user_name())
-
-    def _worker(self, plan: HealPlan) -> HealWorker:
-        from hoopd.commands.heal_work import HealWorker
-        from hoopd.dashboard.work.background import background
-
-        options = self._options
-        return HealWorker(
-            folder=self._folder,
-            recording=self._recording,
-            lay_in=self._controllers.lay_in,
-            by=plan.by,
-            jobs=options.jobs,
-            grammar=options.grammar,
-            memory=options.memory,
-            prefix=background(),
-            short=background(waited_for=True),
-        )
-
-    def _recording(self) -> Path:
-        from hoopd.dashboard.experiments import recording_of
-        from hoopd.dashboard.work.recordings import Recordings
-
-        return recording_of(self._device, Recordings(self._recordings, self._folder.folder))
-
-    def _work(self, worker: HealWorker) -> None:
-        """A thread of its own: what it starts ends with it."""
-        while (work := self._wanted.get()) is not None:
-            self._results.put((work, worker.work(work)))
-
-    def _attend(self, healing: Healing) -> str:
-        """What came from elsewhere since the last look, taken in by the thread that looks."""
-        faults = self._device.status.get("faults")
-        healing.see(tuple(faults) if isinstance(faults, list) else ())
-        while not self._results.empty():
-            healing.done(*self._results.get())
-        if healing.phase == "proposed" and healing.version is not None:
-            decision = self._folder.decision(healing.version.number)
-            if decision is not None:
-                healing.decide(decision.accept, decision.who)
-        if (work := healing.take_work()) is not None:
-            self._wanted.put(work)
-        return ""
-
-    def _send(self, order: Any) -> Mapping[str, Any]:
-        from hoopd.commands.operator import ask
-
-        told = {"command": order.name, "value": order.value, "key": order.key}
-        return ask(told, self._options.config, self._options.sets)

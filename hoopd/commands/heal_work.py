@@ -16,14 +16,14 @@ import msgspec
 
 from hoopd.commands.step_commands import StepError, run_step
 from hoopd.diagnose.record_file import parse
+from hoopd.files.heal_versions import HealVersion, VersionFolder
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
 from hoopd.heal.change import judged
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
-from hoopd.heal.healing import HealWork
-from hoopd.heal.versions import HealVersion, VersionFolder
+from hoopd.heal.plan import HealWork
 from hoopd.plants.model_file import load_model
 from hoopd.recording.slices import read_recording
 

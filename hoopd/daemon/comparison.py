@@ -6,9 +6,7 @@ keeps, so that a replay repeats the run to the bit.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +14,15 @@ from hoopd.core.modes import Mode
 from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
 from hoopd.daemon.app import Options, check_options, perform
+from hoopd.daemon.attending import AttendingGuest
 from hoopd.daemon.build import read_texts
 from hoopd.design.alternation import Alternation
-from hoopd.design.comparison import ControllerComparison, WantedCommand
+from hoopd.design.comparison import ControllerComparison
 from hoopd.design.yardstick import TickSample, held_speed
 from hoopd.files.controller import ControllerFile, load_controller
 from hoopd.files.controller_folder import key_of
 from hoopd.files.reading import InputError
 from hoopd.shell import config as configuration
-from hoopd.shell.loop import Loop
 
 START_S = 10.0  # until the rig runs, and its end
 Progress = Callable[[ControllerComparison], None]
@@ -70,41 +68,26 @@ def _recorded(options: Options) -> Iterator[Path]:
     return iter(()) if options.record is None else options.record.glob("run-*.mcap")
 
 
-class ComparisonGuest:
+class ComparisonGuest(AttendingGuest):
     """Lets a comparison see every tick of a run and command it."""
 
-    trouble = False
-
     def __init__(self, comparison: ControllerComparison, progress: Progress | None = None) -> None:
+        super().__init__((comparison.key,))
         self.comparison, self._progress = comparison, progress or (lambda comparison: None)
-        self.loads: Sequence[str] = (comparison.key,)
-        self._orders: list[WantedCommand] = []
-        self._loop: Loop | None = None
         self._place = ""
         self._over_at: float | None = None
-
-    @contextmanager
-    def attend(self, loop: Loop) -> Iterator[None]:
-        """Be there while the loop runs."""
-        self._loop = loop
-        with contextlib.suppress(KeyboardInterrupt):
-            yield
 
     def status(self) -> str:
         """How far it is."""
         return self.comparison.step
-
-    def commands(self, t: float) -> tuple[Command, ...]:
-        """What it asked for since the last tick."""
-        orders, self._orders = self._orders, []
-        return tuple(Command(one.name, one.value, one.key) for one in orders)
 
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """One tick."""
         sample = TickSample(
             record.t, record.mode == Mode.RUNNING, record.u, record.dtheta, record.psi, record.psi_t, record.reference
         )
-        self._orders += self.comparison.put(sample)
+        for one in self.comparison.put(sample):
+            self.ask(Command(one.name, one.value, one.key))
         if self.comparison.step != self._place:
             self._place = self.comparison.step
             self._progress(self.comparison)

@@ -10,7 +10,7 @@ import pytest
 from inprocess import call
 
 from hoopd.commands import operator
-from hoopd.heal.versions import VersionFolder
+from hoopd.files.heal_versions import VersionFolder
 
 
 def kept(folder: Path) -> VersionFolder:

@@ -14,9 +14,11 @@ from hoopd.core.succession import REVERTED
 from hoopd.design.comparison import WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.files.heal_policy import HealPolicy
+from hoopd.files.heal_versions import HealDecision, VersionFolder
 from hoopd.files.reading import InputError
-from hoopd.heal.healing import Healing, HealPlan, HealWork, verdict
-from hoopd.heal.versions import HealDecision, VersionFolder
+from hoopd.heal.healing import Healing
+from hoopd.heal.plan import HealPlan, HealWork
+from hoopd.heal.weighing import verdict
 
 PERIOD_S, COMPUTES_S = 0.02, 5.0
 POLICY = HealPolicy(
@@ -199,6 +201,16 @@ def test_what_the_daemon_refuses_or_takes_back_is_written_down(tmp_path: Path) -
     assert other.names == ["trial", "trial"]  # once more: the guard judges single seconds
     other.healing.note("trial_returned", {"reason": "cost 0.2 rad^2"})
     assert other.state() == "went_back" and other.versions.read(1).reason == "cost 0.2 rad^2"
+
+
+def test_what_is_weighed_of_a_trial_that_went_back_meanwhile_accepts_nothing(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "weighing")
+    daemon.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
+    daemon.run(COMPUTES_S + 1.0)  # the figures come now
+    assert daemon.names == ["trial", "trial"] and daemon.state() != "accepted"
+    assert daemon.versions.loop().acting == 0 and "rounds" not in daemon.versions.read(1).evidence
 
 
 def test_it_rolls_back_by_itself_when_the_change_goes_away_again(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hoopd.commands.heal_work import HealWorker
 from hoopd.daemon.replay import replay
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.model import EffectEntry, Parameter, model_text
-from hoopd.heal.healing import HealPlan, HealWork
+from hoopd.heal.plan import HealPlan, HealWork
 from hoopd.plants.model_file import load_model
 from hoopd.recording.mcap import read_run
 

@@ -15,7 +15,7 @@ from harness.healed_rig import controllers_of
 from harness.realrun import ENVIRONMENT, Daemon
 
 from hoopd.files.controller_folder import key_of
-from hoopd.heal.versions import VersionFolder
+from hoopd.files.heal_versions import VersionFolder
 
 pytestmark = pytest.mark.realtime
 

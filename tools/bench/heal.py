@@ -42,7 +42,7 @@ from hoopd.files.heal_policy import HealPolicy  # noqa: E402
 from hoopd.files.model import EffectEntry, Parameter, model_text  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402
 from hoopd.heal.cost_promise import figure, summed  # noqa: E402
-from hoopd.heal.healing import HealPlan  # noqa: E402
+from hoopd.heal.plan import HealPlan  # noqa: E402
 from hoopd.plants.effects.vocabulary import known_effects  # noqa: E402
 from hoopd.plants.model_file import effects_plant, load_model  # noqa: E402
 from hoopd.sim import truth  # noqa: E402

@@ -6,13 +6,10 @@ Rules of this file: what the loop is told comes by the commands that the live pr
 
 from __future__ import annotations
 
-import contextlib
 import resource
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,59 +18,54 @@ from hoopd.core.modes import Mode
 from hoopd.core.records import Command, Inputs, TickRecord
 from hoopd.core.tick import Note
 from hoopd.daemon.app import Options, check_options, perform
+from hoopd.daemon.attending import AttendingGuest
 from hoopd.daemon.build import read_texts
 from hoopd.daemon.loading import ControllerLoader
 from hoopd.dashboard.work.controllers import Controllers
 from hoopd.design.yardstick import TickSample
 from hoopd.files.controller_folder import key_of
 from hoopd.files.heal_policy import HealPolicy
+from hoopd.files.heal_versions import HealVersion, VersionFolder
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
-from hoopd.heal.healing import Healing, HealPlan, HealWork
-from hoopd.heal.versions import HealVersion, VersionFolder
+from hoopd.heal.healing import Healing
+from hoopd.heal.plan import HealPlan, HealWork
 from hoopd.shell import config as configuration
-from hoopd.shell.loop import Loop
 
 WHO = "heal"
 
 
 @dataclass
-class HealingGuest:
+class RigClock:
+    """Dates are the rig's own time."""
+
+    t: float = 0.0  # s
+
+    def __call__(self) -> float:
+        """Now."""
+        return self.t
+
+
+class HealingGuest(AttendingGuest):
     """Lets a healing see every tick of a run and command it."""
 
-    healing: Healing
-    worker: HealWorker
-    loader: ControllerLoader
-    wall: bool = False  # charge time on the wall; else the processor's, which a core of its own would take
-    trouble = False
-    loads: Sequence[str] = ()
-    costs: list[tuple[float, str, float, float]] = field(default_factory=list)  # rig's time, what, s wall, s processor
-
-    def __post_init__(self) -> None:
-        """Nothing is asked for yet."""
-        self._orders: list[Command] = []
-        self._loop: Loop | None = None
+    def __init__(
+        self, healing: Healing, worker: HealWorker, loader: ControllerLoader, clock: RigClock, *, wall: bool = False
+    ) -> None:
+        """`wall`: charge time on the wall; else the processor's, which a core of its own would take."""
+        super().__init__()
+        self.healing, self._worker, self._loader, self._clock, self._wall = healing, worker, loader, clock, wall
+        self.costs: list[tuple[float, str, float, float]] = []  # rig's time, what, s wall, s processor
         self._due: tuple[float, HealWork, dict[str, Any]] | None = None
-
-    @contextmanager
-    def attend(self, loop: Loop) -> Iterator[None]:
-        """Be there while the loop runs."""
-        self._loop = loop
-        with contextlib.suppress(KeyboardInterrupt):
-            yield
 
     def status(self) -> str:
         """How far it is."""
         return self.healing.phase
 
-    def commands(self, t: float) -> tuple[Command, ...]:
-        """What it asked for since the last tick."""
-        orders, self._orders = self._orders, []
-        return tuple(orders)
-
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """One tick."""
         assert self._loop is not None
+        self._clock.t = record.t
         self.healing.see(self._loop.tick.faults)
         if self._due is not None and record.t >= self._due[0]:
             (_, work, result), self._due = self._due, None
@@ -82,11 +74,11 @@ class HealingGuest:
         sample = TickSample(record.t, running, record.u, record.dtheta, record.psi, record.psi_t, record.reference)
         for order in self.healing.put(sample):
             try:
-                text = self.loader.load(order.key, WHO) if order.key else ""
+                text = self._loader.load(order.key, WHO) if order.key else ""
             except InputError as error:
                 self.healing.refuse(order, str(error))
                 continue
-            self._orders.append(Command(order.name, order.value, order.key, text))
+            self.ask(Command(order.name, order.value, order.key, text))
         if (work := self.healing.take_work()) is not None:
             self._compute(record.t, work)
 
@@ -96,10 +88,10 @@ class HealingGuest:
 
     def _compute(self, t: float, work: HealWork) -> None:
         began, began_cpu = time.perf_counter(), _processor_s()
-        result = self.worker.work(work)
+        result = self._worker.work(work)
         wall_s, cpu_s = time.perf_counter() - began, _processor_s() - began_cpu
         self.costs.append((t, work.name, wall_s, cpu_s))
-        self._due = (t + (wall_s if self.wall else cpu_s), work, result)
+        self._due = (t + (wall_s if self._wall else cpu_s), work, result)
 
 
 def _processor_s() -> float:
@@ -159,27 +151,15 @@ def heal_run(
         versions.first(
             key_of(law), law.read_text(), (controllers.folder / "models" / "hoop.yaml").read_text(), 0.0, WHO
         )
-    now = [0.0]
-    healing = Healing(versions, plan, policy, lambda: now[0], record.name, told.append)
+    clock = RigClock()
+    healing = Healing(versions, plan, policy, clock, record.name, told.append)
 
     def recording() -> Path:
         return max(record.glob("run-*.mcap"))
 
     working = worker(folder=versions, recording=recording, lay_in=controllers.lay_in, by=plan.by, seed=seed)
-    guest = _Clocked(healing, working, ControllerLoader(config, None), wall)
-    guest.now = now
+    guest = HealingGuest(healing, working, ControllerLoader(config, None), clock, wall=wall)
     summary = perform(options, config, read_texts(config, None), guest)
     healing.stop("the run ended")
     every = tuple(versions.every())
     return HealedRun(folder, recording(), every, versions.loop().acting, tuple(told), tuple(guest.costs), summary)
-
-
-class _Clocked(HealingGuest):
-    """Dates are the rig's own time."""
-
-    now: list[float]
-
-    def put(self, record: TickRecord, inputs: Inputs) -> None:
-        """One tick."""
-        self.now[0] = record.t
-        super().put(record, inputs)

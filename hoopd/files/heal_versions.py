@@ -19,11 +19,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
+from hoopd.files.folder_lock import alone_in, is_taken
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
 
@@ -34,6 +36,7 @@ State = Literal[
 OVER: tuple[State, ...] = ("accepted", "left", "refused", "went_back", "rolled_back")
 MOST = 9999
 DECISION = "decision.json"
+LOCK, TAKEN = ".watched", "another hoopd heal is at work here"
 
 
 class HealVersion(msgspec.Struct, kw_only=True):
@@ -112,6 +115,15 @@ class VersionFolder:
             raise InputError(self.folder, "--out", "holds no versions: hoopd heal has not been here")
         loop: HealedLoop = _decoded(path, HealedLoop)
         return loop
+
+    def watching(self) -> AbstractContextManager[None]:
+        """Alone: two that follow one loop would undo each other's work."""
+        return alone_in(self.folder, LOCK, TAKEN)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a process follows this loop now."""
+        return is_taken(self.folder, LOCK)
 
     def of(self, number: int) -> Path:
         """A version's folder."""

@@ -1,0 +1,217 @@
+"""`hoopd heal watch`: a process beside a running daemon that follows it.
+
+Rules of this file: it commands what an operator could, by the same ways; what it decides stands in `hoopd.heal`, what
+it computes in `heal_work`. Killed at any moment it leaves the loop on what was accepted: a trial that nobody watches
+goes back in the daemon.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from hoopd.commands.options.heal import HealOptions
+from hoopd.commands.version_words import user_name
+from hoopd.files.heal_versions import VersionFolder
+from hoopd.files.reading import InputError
+
+if TYPE_CHECKING:
+    from hoopd.commands.heal_work import HealWorker
+    from hoopd.dashboard.device import ShownDevice
+    from hoopd.dashboard.feed import Connection
+    from hoopd.heal.healing import Healing
+    from hoopd.heal.plan import HealPlan, HealWork
+    from hoopd.shell.config import Config
+
+LOOK_S, WAITING_S, AGAIN_S, LAST_S = 0.2, 10.0, 1.0, 5.0
+NICE = 5  # of this process; what it starts gets what nobody else wants
+
+
+def watch(options: HealOptions) -> None:
+    """Until Ctrl-C, from one run of the daemon to the next."""
+    from hoopd.dashboard.feed import Connection
+    from hoopd.files.heal_policy import load_policy
+
+    plan = _plan(options)
+    policy = None if options.policy is None else load_policy(options.policy)
+    config = _config(options)
+    recordings = _recordings(options, config)
+    folder = VersionFolder(options.out)
+    folder.begin(config.device.name)
+    # Of zenoh's keys a reader shares user, password and certificates with the daemon, not where it listens.
+    extras = {key: value for key, value in config.telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
+    os.nice(NICE)
+    connection = Connection(options.connect or config.telemetry.endpoint, extras)
+    with folder.watching():
+        connection.start()
+        try:
+            with suppress(KeyboardInterrupt):
+                while True:
+                    device = _awaited(connection, config.device.name)
+                    _FollowedDaemon(options, config, device, folder, recordings).follow(plan, policy)
+                    time.sleep(AGAIN_S)
+        finally:
+            connection.close()
+
+
+def _plan(options: HealOptions) -> HealPlan:
+    from hoopd.design.comparison import MEASURES
+    from hoopd.heal.plan import HealPlan
+
+    if options.number:
+        raise InputError("watch", options.number, "takes no number")
+    if options.by not in MEASURES:
+        raise InputError("--by", "", f"{options.by!r} is none of {', '.join(MEASURES)}")
+    return HealPlan(window_s=options.window_s, every_s=options.every_s, trial_s=options.trial_s, by=options.by)
+
+
+def _config(options: HealOptions) -> Config:
+    from hoopd.shell.config import load
+
+    told = [] if options.controllers is None else [f"control.folder={options.controllers.resolve()}"]
+    return load(options.config, sim=False, overrides=[*options.sets, *told])
+
+
+def _recordings(options: HealOptions, config: Config) -> Path:
+    told = options.recordings or (Path(config.recording.directory) if config.recording.directory else None)
+    if told is None:
+        raise InputError("--recordings", "", "the folder into which the daemon records (hoopd --record FOLDER)")
+    if not told.is_dir():
+        raise InputError(told, "--recordings", "no such folder")
+    return told.resolve()
+
+
+def _awaited(connection: Connection, name: str) -> ShownDevice:
+    """The daemon, as soon as it tells of itself and of what was accepted."""
+    due = time.monotonic()
+    while True:
+        device = connection.devices.get(name)
+        if device is not None and device.alive and device.history.count and _accepted(device):
+            return device
+        if time.monotonic() >= due:
+            typer.echo(f"waiting for {name}: {connection.trouble or 'it says nothing of an accepted controller'}")
+            due = time.monotonic() + WAITING_S
+        time.sleep(LOOK_S)
+
+
+def _accepted(device: ShownDevice) -> str:
+    """NAME.yaml@SHA256 of what a device tells as accepted; empty while another one acts."""
+    told = device.status.get("controller")
+    if not isinstance(told, dict) or told.get("purpose") != "controller" or told.get("next"):
+        return ""
+    return f"{told.get('file')}@{told.get('sha256')}"
+
+
+class _FollowedDaemon:
+    """One run of a daemon, from its first word to its last."""
+
+    def __init__(
+        self, options: HealOptions, config: Config, device: ShownDevice, folder: VersionFolder, recordings: Path
+    ) -> None:
+        from hoopd.daemon.loading import controller_folder
+        from hoopd.dashboard.work.controllers import Controllers
+
+        self._options, self._config, self._device, self._folder = options, config, device, folder
+        self._recordings = recordings
+        self._controllers = Controllers(controller_folder(config, options.config))
+        self._wanted: queue.Queue[HealWork | None] = queue.Queue()
+        self._results: queue.SimpleQueue[tuple[HealWork, dict[str, Any]]] = queue.SimpleQueue()
+        self._interrupted = False
+
+    def follow(self, plan: HealPlan, policy: Any) -> None:
+        """Until the daemon is gone, somebody else changes its controller, or Ctrl-C."""
+        from hoopd.dashboard.turns import ComparisonSupervisor
+        from hoopd.heal.healing import Healing
+
+        self._note_what_acts()
+        healing = Healing(self._folder, plan, policy, time.time, self._device.run, typer.echo)
+        typer.echo(f"following {self._device.identity}: version {self._folder.loop().acting} acts")
+        worker = threading.Thread(target=self._work, args=(self._worker(plan),), daemon=True)
+        worker.start()
+        supervisor = ComparisonSupervisor(healing, self._device, self._send, lambda: self._attend(healing))
+        supervisor.start()
+        try:
+            while supervisor.alive:
+                time.sleep(LOOK_S)
+        except KeyboardInterrupt:
+            self._interrupted = True
+            supervisor.join(LAST_S)  # for the trial to be taken back
+            raise
+        finally:
+            self._wanted.put(None)
+        typer.echo(f"no longer following: {healing.why or 'the daemon is gone'}")
+
+    def _note_what_acts(self) -> None:
+        """The version whose controller the daemon has; a new one for one that nobody knows."""
+        from hoopd.daemon.loading import ControllerLoader
+        from hoopd.files.loaded_controller import parse_loaded
+
+        key = _accepted(self._device)
+        known = [one.number for one in self._folder.every() if one.key == key and one.accepted is not None]
+        if known:
+            if self._folder.loop().acting not in known:
+                self._folder.acts(known[0])
+            return
+        model = parse_loaded(ControllerLoader(self._config, self._options.config).load(key, "heal")).model
+        self._folder.first(key, self._controllers.text(key), model, time.time(), user_name())
+
+    def _worker(self, plan: HealPlan) -> HealWorker:
+        from hoopd.commands.heal_work import HealWorker
+        from hoopd.dashboard.work.background import background
+
+        options = self._options
+        return HealWorker(
+            folder=self._folder,
+            recording=self._recording,
+            lay_in=self._controllers.lay_in,
+            by=plan.by,
+            jobs=options.jobs,
+            grammar=options.grammar,
+            memory=options.memory,
+            prefix=background(),
+            short=background(waited_for=True),
+        )
+
+    def _recording(self) -> Path:
+        from hoopd.dashboard.experiments import recording_of
+        from hoopd.dashboard.work.recordings import Recordings
+
+        return recording_of(self._device, Recordings(self._recordings, self._folder.folder))
+
+    def _work(self, worker: HealWorker) -> None:
+        """A thread of its own: what it starts ends with it."""
+        while (work := self._wanted.get()) is not None:
+            self._results.put((work, worker.work(work)))
+
+    def _attend(self, healing: Healing) -> str:
+        """What came from elsewhere since the last look, and why it ends: told by the only thread that touches it.
+
+        Ctrl-C is one of these: an order that another thread gave could be lost between two looks.
+        """
+        if self._interrupted:
+            return "interrupted"
+        faults = self._device.status.get("faults")
+        healing.see(tuple(faults) if isinstance(faults, list) else ())
+        while not self._results.empty():
+            healing.done(*self._results.get())
+        if healing.phase == "proposed" and healing.version is not None:
+            decision = self._folder.decision(healing.version.number)
+            if decision is not None:
+                healing.decide(decision.accept, decision.who)
+        if (work := healing.take_work()) is not None:
+            self._wanted.put(work)
+        return ""
+
+    def _send(self, order: Any) -> Mapping[str, Any]:
+        from hoopd.commands.operator import ask
+
+        told = {"command": order.name, "value": order.value, "key": order.key}
+        return ask(told, self._options.config, self._options.sets)

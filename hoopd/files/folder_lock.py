@@ -1,0 +1,41 @@
+"""A folder in which one process works alone, and whether one does.
+
+    with alone_in(folder, ".watched", "another hoopd heal is at work here"): ...
+
+The lock is the kernel's: it ends with the process, however that ends.
+
+Rules of this file: nothing of what lies in the folder is looked at.
+"""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hoopd.files.reading import InputError
+
+
+@contextmanager
+def alone_in(folder: Path, name: str, taken: str) -> Iterator[None]:
+    """Be the only one; InputError with these words where somebody else is. `name`: of the lock's file."""
+    with (folder / name).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(folder, "--out", taken) from None
+        yield
+
+
+def is_taken(folder: Path, name: str) -> bool:
+    """Whether a process works in it now."""
+    path = folder / name
+    if not path.exists():
+        return False
+    with path.open("r") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False

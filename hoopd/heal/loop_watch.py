@@ -1,0 +1,95 @@
+"""What is seen of a running loop: since when a law acts, whether the model drifts, how long which fault was active.
+
+A change is told by the daemon's own drift: by then at least `CERTAIN_S` seconds are of the changed loop, so that the
+minutes which are diagnosed begin there. What comes to nothing again and again is looked at ever more seldom.
+
+Rules of this file: pure; its only clock is the ticks' own; it says when minutes begin that are worth a diagnosis, and
+nothing of what becomes of them.
+"""
+
+from __future__ import annotations
+
+from hoopd.core.drift import BLOCK_S, BLOCKS
+from hoopd.heal.plan import HealPlan
+
+# The median of the blocks is beyond its bound when half of them are: of these all but the first are of the changed loop
+# from their beginning on.
+CERTAIN_S = (BLOCKS // 2 - 1) * BLOCK_S
+# Every pause after something that came to nothing is twice the one before, so often.
+MOST_DOUBLED = 4
+
+
+class LoopWatch:
+    """One run of a daemon, as far as the next diagnosis needs it."""
+
+    def __init__(self) -> None:
+        self.t = self.acts_since = 0.0
+        self.running = False
+        self.gathered_from: float | None = None
+        self._drift_at: float | None = None
+        self._faults: dict[str, list[tuple[float, float | None]]] = {}
+        self._last_look: float | None = None
+        self._quiet_until, self._fruitless = 0.0, 0
+
+    def tick(self, t: float, running: bool) -> bool:
+        """One tick; whether the law begins to act in it, or no longer does: minutes without it are none."""
+        self.t = t
+        if self._last_look is None:
+            self._last_look = t
+        if running == self.running:
+            return False
+        self.running, self.acts_since = running, t
+        self.gathered_from = self._drift_at = None
+        return True
+
+    def drifts(self) -> None:
+        """The model no longer fits."""
+        if self.t >= self._quiet_until and self._drift_at is None:
+            self._drift_at = self.t
+
+    def fault_begins(self, name: str) -> None:
+        """A row of the fault table is active from now on."""
+        self._faults.setdefault(name, []).append((self.t, None))
+
+    def fault_ends(self, name: str) -> None:
+        """It no longer is."""
+        spans = self._faults.get(name)
+        if spans and spans[-1][1] is None:
+            spans[-1] = (spans[-1][0], self.t)
+
+    def faults_s(self, from_s: float, to_s: float) -> dict[str, float]:
+        """For how long each row was active between two times."""
+        found = {}
+        for name, spans in self._faults.items():
+            inside = [min(to_s, to_s if end is None else end) - max(from_s, begin) for begin, end in spans]
+            if (seconds := sum(one for one in inside if one > 0.0)) > 0.0:
+                found[name] = seconds
+        return found
+
+    def begin(self, plan: HealPlan) -> str:
+        """Gather minutes from now on where there is a reason for it; the reason, empty where there is none."""
+        if not self.running or self.t < self._quiet_until:
+            return ""
+        if self._drift_at is not None:
+            self.gathered_from = self._drift_at - CERTAIN_S
+            return "the model drifts"
+        if plan.every_s > 0.0 and self._last_look is not None and self.t - self._last_look >= plan.every_s:
+            self.gathered_from = self.t - plan.window_s
+            return f"{plan.every_s:.0f} s have passed"
+        return ""
+
+    def gathered(self, plan: HealPlan) -> bool:
+        """Whether enough was recorded of the changed loop."""
+        return self.gathered_from is not None and self.t - self.gathered_from >= plan.window_s
+
+    def law_changed(self) -> None:
+        """Another law acts: what was told of the one before is over."""
+        self.gathered_from = self._drift_at = None
+        self._fruitless = 0
+
+    def came_to_nothing(self, pause_s: float) -> None:
+        """Look again after a pause, every time a longer one."""
+        self.gathered_from = self._drift_at = None
+        self.acts_since = self._last_look = self.t
+        self._quiet_until = self.t + pause_s * 2**self._fruitless
+        self._fruitless = min(self._fruitless + 1, MOST_DOUBLED)

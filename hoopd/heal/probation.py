@@ -1,0 +1,189 @@
+"""From a word to a version that acts: on trial, weighed, accepted, watched for a while, given up when it fails.
+
+    decided -> asked -> trying -> weighing -> accepting -> settling -> watching
+                 |         |          |                        |
+              refused  went back  went back              rolling -> rolled back
+
+A trial is the daemon's: it goes back inside the tick, and when nobody says for five seconds that it is watched.
+
+Rules of this file: pure; it says what to command and what to weigh, others do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
+from hoopd.design.comparison import REST_S
+from hoopd.heal.attempt import Attempt
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S
+from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
+
+# The daemon's guard judges single seconds, in which another reference may cost as much as a bad law.
+TRIES = 2
+CLEAR = "clear"
+
+
+class Probation:
+    """The second half of a version's way."""
+
+    def __init__(self, attempt: Attempt) -> None:
+        self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
+
+    # ------------------------------------------------------------------------------------------ ticks
+
+    def advance(self) -> None:
+        """What the time has come for."""
+        hand, watch = self._in_hand, self._in_hand.watch
+        if hand.phase == "decided" and watch.running and watch.t - watch.acts_since >= REST_S:
+            self._ask_for_trial()
+        elif hand.phase == "asked" and hand.passed_s > PATIENCE_S:
+            hand.end("refused", f"the daemon did not take it over within {PATIENCE_S:g} s")
+        elif hand.phase == "accepting" and hand.passed_s > BACK_S:
+            self._accepted()  # neither refused nor gone back: the word of it was lost
+        elif hand.phase == "trying" and hand.passed_s >= ENTER_S + hand.plan.trial_s:
+            self._weigh(hand.since + ENTER_S)
+        elif hand.phase == "settling" and hand.passed_s >= hand.plan.round_s:
+            self._weigh(watch.t - hand.plan.round_s + (ENTER_S if self._rounds.count == 0 else 0.0))
+        if hand.on_trial and watch.t - self._alive_at >= ALIVE_S:
+            self._alive_at = watch.t
+            hand.order(ALIVE)
+
+    def law_stops(self) -> None:
+        """The law no longer acts."""
+        if self._in_hand.phase == "asked":
+            self._in_hand.end("went_back", "the law no longer acts")
+
+    def begin(self, by: str) -> None:
+        """Somebody said yes."""
+        self._in_hand.version.decided_by = by
+        self._in_hand.enter("decided")
+
+    def break_off(self, reason: str) -> None:
+        """What is on trial goes back."""
+        hand = self._in_hand
+        if hand.on_trial or hand.phase == "asked":  # it may act already
+            hand.order(REVERT)
+            hand.on_trial, hand.phase = False, "proposed"
+            hand.keep("proposed", f"its trial was broken off: {reason}")
+
+    def _ask_for_trial(self) -> None:
+        hand = self._in_hand
+        hand.keep("trying", f"on trial, decided by {hand.version.decided_by}")
+        hand.enter("asked")
+        hand.order(TRIAL, hand.version.key)
+
+    def _weigh(self, from_s: float) -> None:
+        self._in_hand.phase = "weighing"
+        self._in_hand.compute("weigh", from_s, self._in_hand.watch.t)
+
+    # ------------------------------------------------------------------------------------------ what the daemon tells
+
+    def took_over(self, fields: Mapping[str, Any]) -> str:
+        """A controller acts from now on; why nothing more can be done here, empty otherwise."""
+        hand = self._in_hand
+        sha256 = hand.version.key.partition("@")[2] if hand.holds_one else "-"
+        ours = bool(sha256) and str(fields.get("sha256", "")).startswith(sha256)
+        if hand.phase == "asked" and ours and fields.get("command") == TRIAL:
+            hand.on_trial, self._alive_at = True, hand.watch.t
+            hand.enter("trying")
+        elif hand.phase == "rolling":
+            hand.end("rolled_back")
+        elif fields.get("command") == CONTROLLER:
+            return "somebody else changed the controller: begin again with what acts now"
+        elif hand.phase in ("settling", "weighing") and not hand.on_trial:
+            hand.let_go("accepted", "no longer watched: somebody else tries another law")
+        return ""
+
+    def refused(self, command: str, reason: str) -> None:
+        """The daemon did not take what was asked for; what acts stays."""
+        hand = self._in_hand
+        if hand.phase == "asked" and command == TRIAL:
+            hand.end("refused", f"the daemon: {reason}")
+        elif hand.phase == "accepting" and command == ACCEPT:
+            hand.end("went_back", f"it could not be accepted: {reason}")
+        elif hand.phase == "rolling" and command == CONTROLLER:
+            hand.folder.acts(hand.version.acts_as)
+            hand.end("accepted", f"{hand.version.reason}; the daemon did not take the one of before: {reason}")
+
+    def returned(self, reason: str) -> None:
+        """The daemon took the trial back."""
+        hand = self._in_hand
+        was_on_trial, hand.on_trial = hand.on_trial, False
+        if not (was_on_trial or hand.phase == "asked"):
+            return
+        tries = int(hand.version.evidence.get("tries", 0)) + 1
+        hand.note(tries=tries)
+        if reason == REVERTED or tries >= TRIES:
+            hand.end("went_back", "" if reason == REVERTED else reason)
+            return
+        hand.keep("proposed", f"the daemon took it back, it is tried once more: {reason}")
+        hand.watch.acts_since = hand.watch.t
+        hand.enter("decided")
+
+    def accepted(self) -> None:
+        """The daemon tells that it holds what was on trial."""
+        if self._in_hand.phase == "accepting":
+            self._accepted()
+
+    def _accepted(self) -> None:
+        """What the daemon held against the model of before is over."""
+        hand, version = self._in_hand, self._in_hand.version
+        hand.on_trial = False
+        hand.order(CLEAR)
+        version.accepted = hand.clock()
+        hand.keep("accepted", f"accepted by {version.decided_by}: its cost is as promised")
+        hand.folder.acts(version.acts_as)
+        hand.watch.law_changed()
+        self._rounds = WeighedRounds()
+        hand.enter("settling")
+        hand.tell(f"version {version.number} is accepted: {version.reason}")
+
+    # ------------------------------------------------------------------------------------------ what it costs
+
+    def weighed(self, result: Mapping[str, Any]) -> None:
+        """Keep it, or take it back; after it was accepted two bad rounds in a row are asked."""
+        hand = self._in_hand
+        bad = verdict(result, hand.version.evidence.get("promise", {}))
+        hand.version.evidence.setdefault("rounds", []).append({**result, "bad": bad})
+        if not hand.on_trial:
+            self._weighed_round(bad)
+        elif bad:
+            self.take_back(bad)
+        else:
+            hand.order(ACCEPT)
+            hand.enter("accepting")
+
+    def failed_to_weigh(self, error: str) -> None:
+        """A computation came to nothing: what is on trial goes, what acts is weighed in the next round."""
+        if self._in_hand.on_trial:
+            self.take_back(error)
+        else:
+            self._in_hand.enter("settling")
+
+    def take_back(self, why: str) -> None:
+        """The accepted law again."""
+        self._in_hand.order(REVERT)
+        self._in_hand.end("went_back", why)
+
+    def _weighed_round(self, bad: str) -> None:
+        hand = self._in_hand
+        self._rounds.add(bad)
+        if self._rounds.is_given_up:
+            self._roll_back(bad)
+        elif self._rounds.is_settled:
+            hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
+        else:
+            hand.keep("accepted")
+            hand.enter("settling")
+
+    def _roll_back(self, why: str) -> None:
+        """The version of before, by one command."""
+        hand = self._in_hand
+        before = hand.folder.read(hand.version.before)
+        hand.version.reason = why
+        hand.enter("rolling")
+        hand.order(CONTROLLER, before.key)
+        hand.order(CLEAR)
+        hand.folder.acts(before.number)
