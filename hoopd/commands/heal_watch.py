@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hoopd.dashboard.feed import Connection
     from hoopd.heal.healing import Healing
     from hoopd.heal.plan import HealPlan, HealWork
+    from hoopd.heal.resumption import LoopFiles
     from hoopd.shell.config import Config
 
 LOOK_S, WAITING_S, AGAIN_S, LAST_S = 0.2, 10.0, 1.0, 5.0
@@ -130,11 +131,12 @@ class _FollowedDaemon:
         """Until the daemon is gone, somebody else changes its controller, or Ctrl-C."""
         from hoopd.dashboard.turns import ComparisonSupervisor
         from hoopd.heal.healing import Healing
+        from hoopd.heal.resumption import note_what_acts
 
-        self._note_what_acts()
+        note_what_acts(self._folder, _accepted(self._device), time.time(), user_name(), self._files)
+        worker = threading.Thread(target=self._work, args=(self._worker(plan),), daemon=True)
         healing = Healing(self._folder, plan, policy, time.time, self._device.run, typer.echo)
         typer.echo(f"following {self._device.identity}: version {self._folder.loop().acting} acts")
-        worker = threading.Thread(target=self._work, args=(self._worker(plan),), daemon=True)
         worker.start()
         supervisor = ComparisonSupervisor(healing, self._device, self._send, lambda: self._attend(healing))
         supervisor.start()
@@ -149,19 +151,15 @@ class _FollowedDaemon:
             self._wanted.put(None)
         typer.echo(f"no longer following: {healing.why or 'the daemon is gone'}")
 
-    def _note_what_acts(self) -> None:
-        """The version whose controller the daemon has; a new one for one that nobody knows."""
+    def _files(self) -> LoopFiles:
+        """Of the controller that the daemon has."""
         from hoopd.daemon.loading import ControllerLoader
         from hoopd.files.loaded_controller import parse_loaded
+        from hoopd.heal.resumption import LoopFiles
 
         key = _accepted(self._device)
-        known = [one.number for one in self._folder.every() if one.key == key and one.accepted is not None]
-        if known:
-            if self._folder.loop().acting not in known:
-                self._folder.acts(known[0])
-            return
-        model = parse_loaded(ControllerLoader(self._config, self._options.config).load(key, "heal")).model
-        self._folder.first(key, self._controllers.text(key), model, time.time(), user_name())
+        text = ControllerLoader(self._config, self._options.config).load(key, "heal")
+        return LoopFiles(self._controllers.text(key), parse_loaded(text).model)
 
     def _worker(self, plan: HealPlan) -> HealWorker:
         from hoopd.commands.heal_work import HealWorker

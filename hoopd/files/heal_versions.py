@@ -35,6 +35,7 @@ State = Literal[
 # Of what nobody waits for any more.
 OVER: tuple[State, ...] = ("accepted", "left", "refused", "went_back", "rolled_back")
 MOST = 9999
+FOUND = "found"  # kind of a version that nobody learned: the loop as it was
 DECISION = "decision.json"
 LOCK, TAKEN = ".watched", "another hoopd heal is at work here"
 
@@ -148,7 +149,7 @@ class VersionFolder:
     def first(self, key: str, controller: str, model: str, at: float, name: str) -> HealVersion:
         """The loop as it was found, or was changed by somebody else to: kept as a version that acts."""
         version = HealVersion(
-            number=self._next(), state="accepted", begun=at, accepted=at, kind="found", key=key, decided_by=name,
+            number=self._next(), state="accepted", begun=at, accepted=at, kind=FOUND, key=key, decided_by=name,
             reason="as the daemon had it",
         )  # fmt: skip
         folder = self.of(version.number)

@@ -22,7 +22,7 @@ from hoopd.core.succession import ACCEPT, CONTROLLER
 from hoopd.design.comparison import WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.files.heal_policy import HealPolicy
-from hoopd.files.heal_versions import HealVersion, VersionFolder
+from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.plan import HealPlan, HealWork
 from hoopd.heal.probation import Probation
@@ -50,9 +50,9 @@ class Healing:
         self._in_hand = Attempt(folder, plan, clock, tell, run)
         self._proposal, self._probation = Proposal(self._in_hand), Probation(self._in_hand)
         self._policy = policy
-        self._over = self._settled = False
+        self._began = self._over = self._settled = False
         self.why = ""
-        if self._proposal.take_up():
+        if not self._probation.take_up() and self._proposal.take_up():
             self._ask_policy()
 
     @property
@@ -81,6 +81,9 @@ class Healing:
         """One tick; what is to be commanded now."""
         if self._in_hand.watch.tick(sample.t, sample.running):
             self._law_begins_or_stops()
+        if not self._began:
+            self._began = True
+            self._in_hand.enter(self.phase)  # what was taken up begins with the first tick
         if not self.over:
             self._proposal.advance()
             self._probation.advance()
@@ -186,5 +189,5 @@ class Healing:
         sizes = told.get("effects", {}), told.get("probabilities", {}), told.get("parameters", {})
         why = "" if version.restores is not None else policy.objection(*sizes)
         every = self._in_hand.folder.every()
-        accepted = [one.accepted for one in every if one.accepted is not None and one.kind != "found"]
+        accepted = [one.accepted for one in every if one.accepted is not None and one.kind != FOUND]
         return why or policy.too_often(accepted, self._in_hand.clock())

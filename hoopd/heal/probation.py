@@ -16,6 +16,7 @@ from typing import Any
 
 from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
 from hoopd.design.comparison import REST_S
+from hoopd.files.heal_versions import FOUND
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
@@ -23,6 +24,7 @@ from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law.
 TRIES = 2
 CLEAR = "clear"
+WATCHED = "watched"  # in a version's evidence: the watch over it is over
 
 
 class Probation:
@@ -30,6 +32,19 @@ class Probation:
 
     def __init__(self, attempt: Attempt) -> None:
         self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
+
+    def take_up(self) -> bool:
+        """Go on with the watch over a version that acts, where the one before was broken off in it."""
+        hand = self._in_hand
+        newest = list(hand.folder.every())[-1:]
+        for one in newest:
+            watched = one.kind == FOUND or one.evidence.get(WATCHED)
+            if one.state == "accepted" and not watched and one.acts_as == hand.folder.loop().acting:
+                hand.take(one)
+                hand.enter("settling")
+                hand.tell(f"version {one.number} acts; its watch begins anew")
+                return True
+        return False
 
     # ------------------------------------------------------------------------------------------ ticks
 
@@ -93,6 +108,7 @@ class Probation:
         elif fields.get("command") == CONTROLLER:
             return "somebody else changed the controller: begin again with what acts now"
         elif hand.phase in ("settling", "weighing") and not hand.on_trial:
+            hand.note(**{WATCHED: True})
             hand.let_go("accepted", "no longer watched: somebody else tries another law")
         return ""
 
@@ -173,6 +189,7 @@ class Probation:
         if self._rounds.is_given_up:
             self._roll_back(bad)
         elif self._rounds.is_settled:
+            hand.note(**{WATCHED: True})
             hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
         else:
             hand.keep("accepted")

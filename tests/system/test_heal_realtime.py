@@ -18,6 +18,8 @@ from hoopd.files.controller_folder import key_of
 from hoopd.files.heal_versions import VersionFolder
 
 pytestmark = pytest.mark.realtime
+# Until a process has begun and a trial acts: imports at low priority beside whatever else this machine does.
+PATIENCE_S, START_S = 150.0, 60.0
 
 
 def waited(until: Callable[[], bool], seconds: float) -> bool:
@@ -47,6 +49,7 @@ def proposed(folder: Path, controllers: Path) -> VersionFolder:
     return versions
 
 
+@pytest.mark.timeout(600)
 def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_path: Path) -> None:
     controllers = controllers_of(tmp_path)
     versions = proposed(tmp_path / "healed", controllers)
@@ -56,7 +59,9 @@ def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_pa
         def acting() -> str:
             return str(daemon.command("status")["status"]["controller"]["file"])
 
-        assert waited(lambda: daemon.socket.exists() and daemon.command("status")["status"]["mode"] == "RUNNING", 30.0)
+        assert waited(
+            lambda: daemon.socket.exists() and daemon.command("status")["status"]["mode"] == "RUNNING", PATIENCE_S
+        )
         sets = ["--set", f"commands.socket={daemon.socket}"]
         out = ["--out", str(versions.folder)]
         line = [sys.executable, "-m", "hoopd", "heal", "--recordings", str(daemon.record), "--connect", daemon.endpoint]
@@ -64,8 +69,10 @@ def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_pa
         told = (tmp_path / "told.txt").open("w")
         process = subprocess.Popen(line, stdout=told, stderr=subprocess.STDOUT, env=ENVIRONMENT, cwd=tmp_path)
         try:
-            subprocess.run([*line[:4], "accept", "1", *out], check=True, env=ENVIRONMENT, cwd=tmp_path, timeout=30.0)
-            assert waited(lambda: acting() == "heal-1.yaml", 40.0), (tmp_path / "told.txt").read_text()
+            subprocess.run(
+                [*line[:4], "accept", "1", *out], check=True, env=ENVIRONMENT, cwd=tmp_path, timeout=PATIENCE_S
+            )
+            assert waited(lambda: acting() == "heal-1.yaml", PATIENCE_S), (tmp_path / "told.txt").read_text()
             time.sleep(6.0)  # it says that it watches
             assert acting() == "heal-1.yaml"
         finally:
@@ -76,7 +83,7 @@ def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_pa
         process = subprocess.Popen(line, stdout=told, stderr=subprocess.STDOUT, env=ENVIRONMENT, cwd=tmp_path)
         try:
             # the person's word still lies there: it is tried once more, from the beginning
-            assert waited(lambda: versions.read(1).state == "trying" and acting() == "heal-1.yaml", 40.0)
+            assert waited(lambda: versions.read(1).state == "trying" and acting() == "heal-1.yaml", PATIENCE_S)
             process.send_signal(signal.SIGINT)
             process.wait(15.0)
         finally:
@@ -85,7 +92,7 @@ def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_pa
         assert waited(lambda: acting() == "lqg.yaml", 3.0) and versions.read(1).state == "proposed"
         restore = [*line[:4], "restore", "0", *out, *sets]
         done = subprocess.run(
-            restore, check=False, capture_output=True, text=True, env=ENVIRONMENT, cwd=tmp_path, timeout=60.0
+            restore, check=False, capture_output=True, text=True, env=ENVIRONMENT, cwd=tmp_path, timeout=PATIENCE_S
         )
         assert done.returncode == 0, done.stderr
         assert acting() == "lqg.yaml" and versions.read(0).history[-1][1].startswith("restored by")

@@ -39,6 +39,7 @@ from hoopd.commands.step_commands import run_step  # noqa: E402
 from hoopd.design.yardstick import TickSample, held_speed  # noqa: E402
 from hoopd.files.controller import load_controller  # noqa: E402
 from hoopd.files.heal_policy import HealPolicy  # noqa: E402
+from hoopd.files.heal_versions import FOUND  # noqa: E402
 from hoopd.files.model import EffectEntry, Parameter, model_text  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402
 from hoopd.heal.cost_promise import figure, summed  # noqa: E402
@@ -156,7 +157,7 @@ def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> d
             best = run_rig(
                 folder / "best", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=DURATION_S, seed=number
             )
-    accepted = [one for one in healed.versions if one.accepted is not None and one.kind != "found"]
+    accepted = [one for one in healed.versions if one.accepted is not None and one.kind != FOUND]
     costs = {"healed": cost_of_healed(healed), "before": cost_of_run(before), "best": cost_of_run(best)}
     return {
         "change": name,
@@ -164,7 +165,7 @@ def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> d
         "learned": [one.reason for one in accepted],
         "acts_after_s": accepted[0].accepted - CHANGE_S if accepted and accepted[0].accepted is not None else None,
         "acting": healed.acting,
-        "states": [(one.state, one.kind, one.reason) for one in healed.versions if one.kind != "found"],
+        "states": [(one.state, one.kind, one.reason) for one in healed.versions if one.kind != FOUND],
         "told": healed.told,
         "computed_s": [(what, wall_s, cpu_s) for _, what, wall_s, cpu_s in healed.costs],
         "mode_end": sorted(healed.summary["faults"]),

@@ -31,6 +31,7 @@ from hoopd.files.shipped import defaults_folder
 from hoopd.heal.healing import Healing
 from hoopd.heal.plan import HealPlan, HealWork
 from hoopd.shell import config as configuration
+from hoopd.shell.config import Config
 
 WHO = "heal"
 
@@ -125,17 +126,49 @@ def controllers_of(folder: Path) -> Path:
     return place
 
 
-def heal_run(
+@dataclass(frozen=True)
+class PreparedHealing:
+    """A run of the rig's daemon that has not begun; its versions lie in `folder`/healed."""
+
+    folder: Path
+    record: Path
+    options: Options
+    config: Config
+    versions: VersionFolder
+    plan: HealPlan
+    policy: HealPolicy | None
+    worker: HealWorker
+    clock: RigClock
+    told: list[str]
+
+    def healing(self) -> Healing:
+        """One that goes on with the folder as it is."""
+        return Healing(self.versions, self.plan, self.policy, self.clock, self.record.name, self.told.append)
+
+    @property
+    def loader(self) -> ControllerLoader:
+        """Reads the files that the loop is told to load."""
+        return ControllerLoader(self.config, None)
+
+    def perform(self, guest: HealingGuest) -> HealedRun:
+        """The run."""
+        summary = perform(self.options, self.config, read_texts(self.config, None), guest)
+        guest.healing.stop("the run ended")
+        every, acting = tuple(self.versions.every()), self.versions.loop().acting
+        recording = self.worker.recording()
+        return HealedRun(self.folder, recording, every, acting, tuple(self.told), tuple(guest.costs), summary)
+
+
+def prepared(
     folder: Path,
     *sets: str,
     duration_s: float,
     plan: HealPlan,
     policy: HealPolicy | None,
     seed: int = 0,
-    wall: bool = False,
     worker: type[HealWorker] = HealWorker,
-) -> HealedRun:
-    """One run of the rig's daemon in lock-step with a healing beside it; its versions lie in `folder`/healed."""
+) -> PreparedHealing:
+    """Everything but the run."""
     folder.mkdir(parents=True, exist_ok=True)
     controllers = Controllers(controllers_of(folder))
     record = Path(tempfile.mkdtemp(prefix="rec-", dir=folder))
@@ -151,15 +184,15 @@ def heal_run(
         versions.first(
             key_of(law), law.read_text(), (controllers.folder / "models" / "hoop.yaml").read_text(), 0.0, WHO
         )
-    clock = RigClock()
-    healing = Healing(versions, plan, policy, clock, record.name, told.append)
 
     def recording() -> Path:
         return max(record.glob("run-*.mcap"))
 
     working = worker(folder=versions, recording=recording, lay_in=controllers.lay_in, by=plan.by, seed=seed)
-    guest = HealingGuest(healing, working, ControllerLoader(config, None), clock, wall=wall)
-    summary = perform(options, config, read_texts(config, None), guest)
-    healing.stop("the run ended")
-    every = tuple(versions.every())
-    return HealedRun(folder, recording(), every, versions.loop().acting, tuple(told), tuple(guest.costs), summary)
+    return PreparedHealing(folder, record, options, config, versions, plan, policy, working, RigClock(), told)
+
+
+def heal_run(folder: Path, *sets: str, wall: bool = False, **how: Any) -> HealedRun:
+    """One run of the rig's daemon in lock-step with a healing beside it; `how`: as of `prepared`."""
+    made = prepared(folder, *sets, **how)
+    return made.perform(HealingGuest(made.healing(), made.worker, made.loader, made.clock, wall=wall))
