@@ -1,23 +1,23 @@
 """`hoopd learn`: record, diagnose, choose the next run, until it is known; then design, and try old against new.
 
-Rules of this file: every step is an ordinary command in a process of its own, which ends with this one; nothing here
-touches a drive. What a step has written stays, and a step whose file is there is not repeated.
+Rules of this file: the order of the steps, which `learn_steps` does, and when they end; nothing here touches a drive.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import typer
 
+from hoopd.commands.learn_steps import Progress, Steps
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
 from hoopd.commands.output import check_json
-from hoopd.commands.step_commands import StepError, run_step
+from hoopd.commands.step_commands import StepError
+from hoopd.files.campaign_progress import LOCK, TAKEN, BelievedRun
+from hoopd.files.folder_lock import alone_in
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
 from hoopd.learn.belief import Belief
@@ -25,7 +25,6 @@ from hoopd.learn.campaign import (
     Campaign,
     CampaignRequest,
     DiagnosedRun,
-    RunFiles,
     read_json,
     recorded_s,
     write_json,
@@ -36,109 +35,12 @@ from hoopd.plants.layout import layout_of
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.registry import resolve_plant
 from hoopd.recording.slices import read_recording
-from hoopd.shell.child import end_with_parent
 
-Progress = Callable[[str], None]
 # Whether this may be played on a device.
 MayPlay = Callable[[str], bool]
-QUIETLY = ("--camera", "direct", "--set", "log.level=error")
 # What a run takes beside its signal: until everything is well, and braking.
 AROUND_S = 2.0
 LEAST_S = 5.0  # of a recording that is worth a diagnosis
-LAW = "lqg"
-BY = "ball"  # what better means
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Runs the commands of a campaign."""
-
-    campaign: Campaign
-    options: LearnOptions
-    progress: Progress
-
-    def command(
-        self, words: Sequence[str | Path], log: Path, accepted: Sequence[int] = (0,), *, seen: bool = False
-    ) -> int:
-        """Run `hoopd` with these words; StepError with its last line when it ends with another code.
-
-        `seen`: an operator at the device has to see what it says while it runs.
-        """
-        return run_step(words, log, accepted, prefix=end_with_parent("TERM"), seen=seen)
-
-    def place(self) -> list[str]:
-        """Words that say where a run is played."""
-        asked = self.options
-        words = ["--sim", *QUIETLY] if asked.sim else []
-        words += [] if asked.config is None else ["--config", str(asked.config)]
-        return [*words, *(word for one in asked.sets for word in ("--set", one))]
-
-    def record(self, files: RunFiles, choice: ChosenRun, number: int) -> None:
-        """The recording, unless it is there; what a broken run has left is kept under another name."""
-        if files.experiment.exists():
-            return
-        _set_aside(files.recording)
-        self.progress(f"run {number}: recording {' '.join(choice.words)}")
-        words: list[str | Path] = [
-            "experiment",
-            *choice.words,
-            "--seed",
-            str(self.options.seed + number),
-            *self.place(),
-        ]
-        told = files.folder / ".experiment.json"
-        words += ["--speed", "max"] if self.options.sim else []  # a comparison on the rig is fast by itself
-        words += ["--out", str(files.recording), "--json", str(told)]
-        self.command(words, files.folder / "experiment.log", (0, 1), seen=not self.options.sim)
-        told.replace(files.experiment)
-
-    def diagnose(self, files: RunFiles, recordings: Sequence[Path | str], number: int) -> None:
-        """The diagnosis of all recordings so far, unless it is there."""
-        if files.diagnosis.exists():
-            return
-        self.progress(f"run {number}: diagnosing {len(recordings)} recording{'s' if len(recordings) > 1 else ''}")
-        words: list[str | Path] = ["diagnose", *recordings, "--yes", "--seed", str(self.options.seed)]
-        words += [] if self.options.plant is None else ["--plant", self.options.plant]
-        words += [] if self.options.memory is None else ["--memory", self.options.memory]
-        words += ["--jobs", str(self.options.jobs), "--report", files.report, "--write", files.model]
-        self.command([*words, "--json", files.diagnosis], files.folder / "diagnosis.log")
-
-    def design(self, model: Path) -> None:
-        """A controller on what was found, unless it is there."""
-        if self.campaign.design.exists():
-            return
-        self.progress("designing a controller on what was found")
-        words: list[str | Path] = [
-            "design",
-            LAW,
-            "--model",
-            model,
-            "--out",
-            self.campaign.controller,
-            "--json",
-            self.campaign.design,
-        ]
-        self.command(words, self.campaign.folder / "design.log")
-
-    def compare(self, accepted: str) -> dict[str, Any]:
-        """Old against new in an alternating run, unless it is there."""
-        path = self.campaign.comparison
-        if not path.exists():
-            self.progress("trying the new controller against the old one")
-            words: list[str | Path] = [
-                "compare",
-                accepted,
-                self.campaign.controller,
-                *self.place(),
-                "--by",
-                BY,
-                "--seed",
-                str(self.options.seed),
-            ]
-            figure = self.campaign.folder / "comparison.png"
-            self.command([*words, "--figure", figure, "--json", path], self.campaign.folder / "comparison.log", (0, 1))
-        compared: dict[str, Any] = read_json(path, dict[str, Any])
-        return compared
 
 
 def learn(options: LearnOptions) -> None:
@@ -160,13 +62,22 @@ def run(
     """The result as plain data; StepError, InputError. `may_play` is asked before a device is driven."""
     campaign, budget_s = Campaign(options.out), seconds_of(options.budget)
     campaign.begin(_asked(options, budget_s))
-    steps = Steps(campaign, options, progress)
-    if options.recordings:
+    with alone_in(options.out, LOCK, TAKEN):
+        try:
+            return _run(Steps(campaign, options, progress), budget_s, may_play)
+        except StepError as error:
+            campaign.tell(doing="", asks="", ended=f"Broken off: {error}")
+            raise
+
+
+def _run(steps: Steps, budget_s: float, may_play: MayPlay) -> dict[str, Any]:
+    steps.campaign.tell(budget_s=budget_s, confidence=steps.options.confidence, ended="")
+    if steps.options.recordings:
         return _given(steps)
     runs, ended = record_until_settled(steps, budget_s, may_play)
     comparison, kept, why = _tried(steps, runs)
     result = _result(runs, ended, comparison, kept, why)
-    _tell(campaign, runs, result, comparison)
+    _tell(steps.campaign, runs, result, comparison)
     return result
 
 
@@ -233,6 +144,7 @@ def record_until_settled(
     campaign, confidence = steps.campaign, steps.options.confidence
     while True:
         runs = campaign.runs(confidence)
+        _tell_so_far(campaign, runs)
         if runs and runs[-1].belief.settled:
             return runs, f"Everything that is named is {confidence:.0%} sure, confirmed, and nothing else stands out."
         if len(runs) == most_runs:
@@ -243,7 +155,10 @@ def record_until_settled(
         spent = sum(one.seconds for one in runs)
         if spent + _longest(choice) > budget_s:
             return runs, f"The budget of {budget_s:.0f} s leaves no room for the next run of {_longest(choice):.0f} s."
-        if not may_play(f"{' '.join(choice.words)}, {_longest(choice):.0f} s: {choice.reason}."):
+        question = f"{' '.join(choice.words)}, {_longest(choice):.0f} s: {choice.reason}."
+        if not (steps.options.sim or steps.options.yes):
+            campaign.tell(doing="waiting for a word", asks=f"whoever began it: may it play {question}")
+        if not may_play(question):
             return runs, "The operator wanted no further run."
         _one_run(steps, runs, choice)
 
@@ -309,6 +224,22 @@ def _result(
     }
 
 
+def _tell_so_far(campaign: Campaign, runs: Sequence[DiagnosedRun]) -> None:
+    """What is believed until now, as file and page; both are told anew with every run."""
+    from hoopd.learn.story import story
+
+    told = [
+        BelievedRun(
+            signal=" ".join(one.choice.words), why=one.choice.reason, seconds=one.seconds,
+            explanation=one.belief.explanation, sure=one.belief.probability, open=list(one.belief.open),
+        )
+        for one in runs
+    ]  # fmt: skip
+    campaign.tell(runs=told)
+    if runs:
+        replace_file(campaign.story, story(runs, _result(runs, "It goes on.", None, False, ""), None))
+
+
 def _tell(
     campaign: Campaign, runs: Sequence[DiagnosedRun], result: dict[str, Any], comparison: dict[str, Any] | None
 ) -> None:
@@ -318,12 +249,4 @@ def _tell(
     if runs:
         replace_file(campaign.story, story(runs, result, comparison))
     write_json(campaign.result, result)
-
-
-def _set_aside(path: Path) -> None:
-    """A recording that nobody finished."""
-    if path.exists():
-        number = 1
-        while (other := path.with_name(f"broken_{number}.mcap")).exists():
-            number += 1
-        path.replace(other)
+    campaign.tell(doing="", asks="", ended=f"{result['ended_because']} {result['kept_because']}")

@@ -6,7 +6,8 @@
     run_01/diagnosis.json     of `hoopd diagnose` on all recordings so far, with report.html and model.yaml
     controller.yaml           of `hoopd design`, with design.json
     comparison.json           of `hoopd compare`, with comparison.png
-    result.json, story.html   what became of it
+    progress.json, story.html what is done now and believed so far
+    result.json               what became of it
 
 A step is done when its last file is there, and every file appears whole: whoever is killed goes on where it was.
 
@@ -23,6 +24,7 @@ import msgspec
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import parse
+from hoopd.files.campaign_progress import read_progress, write_progress
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
 from hoopd.learn.belief import Belief, belief_of
@@ -155,6 +157,10 @@ class Campaign:
         """A run that somebody else has recorded: what it is, and how long."""
         self.decide(files, choice)
         write_json(files.experiment, {"ended_at_s": seconds})
+
+    def tell(self, **changed: Any) -> None:
+        """What is done now, for whoever looks; what is not given stays as it was told."""
+        write_progress(self.folder, msgspec.structs.replace(read_progress(self.folder), **changed))
 
     @property
     def controller(self) -> Path:

@@ -13,14 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from harness.learn_kills import run_killed, running
+from harness.told_diagnosis import said
 from inprocess import call
-from saiddiagnosis import said
 
 from hoopd import lab
 from hoopd.commands import learn as command
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import to_json_bytes
+from hoopd.files.campaign_progress import read_progress
 from hoopd.files.reading import InputError
 
 FRICTION = "sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.006}}]"
@@ -81,6 +83,38 @@ def test_it_records_until_the_law_is_sure_then_designs_and_keeps_what_is_better(
     assert str(tmp_path) not in page
 
 
+def test_it_tells_what_it_does_and_believes_to_whoever_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, seen = tmp_path / "campaign", list[tuple[str, int, bool]]()
+    played(monkeypatch, said(0.6), said(0.92))
+
+    def look(doing: str) -> None:
+        told = read_progress(folder)
+        seen.append((doing.partition(":")[0], len(told.runs), (folder / "story.html").exists()))
+        with pytest.raises(InputError, match="another hoopd learn is at work here"):
+            command.run(options(tmp_path))
+
+    command.run(options(tmp_path), look)
+    assert [one[1:] for one in seen] == [(0, False), (0, False), (1, True), (1, True), (2, True), (2, True)]
+    told = read_progress(folder)
+    assert (
+        told.doing == ""
+        and "95% sure" in told.ended
+        and told.runs[0].open == ["hoop.coulomb_friction is 65% sure, 95% are asked for"]
+    )
+
+
+def test_what_a_person_has_to_do_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    played(monkeypatch, said(0.92), said(0.92))
+    asked: list[str] = []
+
+    def may(text: str) -> bool:
+        asked.append(read_progress(tmp_path / "campaign").asks)
+        return False
+
+    command.run(options(tmp_path, sim=False, config=tmp_path / "device.yaml"), may_play=may)
+    assert len(asked) == 1 and asked[0].startswith("whoever began it: may it play prbs, 22 s")
+
+
 def test_it_says_that_nothing_is_missing_and_designs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = played(monkeypatch, said(), said(), said())
     result = command.run(options(tmp_path))
@@ -105,7 +139,8 @@ def test_what_was_broken_off_goes_on_and_loses_nothing(tmp_path: Path, monkeypat
     steps.fails, steps.words = "", []
     assert command.run(options(tmp_path))["kept"]
     assert steps.commands == ["design", "compare"]
-    assert all(path.read_bytes() == data for path, data in before.items())
+    told_anew = ("progress.json", "story.html")
+    assert all(path.read_bytes() == data for path, data in before.items() if path.name not in told_anew)
 
 
 def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,6 +202,12 @@ def test_times_have_units() -> None:
     assert [seconds_of(text) for text in ("10min", "90s", "1.5h", "600")] == [600.0, 90.0, 5400.0, 600.0]
 
 
+@pytest.mark.timeout(600)
+def test_killed_at_random_moments_it_leaves_the_drive_off_loses_nothing_and_goes_on(tmp_path: Path) -> None:
+    killed = run_killed(tmp_path, kills=3, seed=3)
+    assert len(killed.met) == 3 and killed.wrong == (), killed
+
+
 @pytest.mark.proof
 @pytest.mark.timeout(900)
 def test_a_concealed_friction_is_learned_on_the_rig_however_often_it_is_killed(tmp_path: Path) -> None:
@@ -191,26 +232,13 @@ def test_a_concealed_friction_is_learned_on_the_rig_however_often_it_is_killed(t
         os.kill(process.pid, signal.SIGKILL)
         process.wait(10.0)
         deadline = time.monotonic() + 10.0
-        while (left := _running(folder)) and time.monotonic() < deadline:
+        while (left := running(folder)) and time.monotonic() < deadline:
             time.sleep(0.1)
         assert not left
     told = folder / "told.json"
     subprocess.run([*line, "--json", str(told)], check=False, capture_output=True, timeout=600.0)
     result = json.loads(told.read_text())
     assert result["settled"] and result["laws"][0] == "hoop.coulomb_friction" and result["runs"] <= 4
-
-
-def _running(folder: Path) -> list[str]:
-    """Processes that name the campaign's folder."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            text = path.read_bytes().replace(b"\0", b" ").decode()
-        except OSError:
-            continue
-        if str(folder) in text:
-            found.append(text)
-    return found
 
 
 def test_the_lab_learns_by_the_same_command(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from saiddiagnosis import said
+from harness.told_diagnosis import said
 
 from hoopd.diagnose.memory import alone_of, contradictions, remembered, remembered_prior
 from hoopd.diagnose.proof.finding_standings import Asked

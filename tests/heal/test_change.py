@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from saiddiagnosis import said
+from harness.told_diagnosis import said
 
 from hoopd.diagnose.record import Base, Diagnosis, EffectFinding, Evidence, Quantity
 from hoopd.heal.change import NOTHING, PARAMETERS, PHYSICS, SENSOR, UNKNOWN, judged

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import pytest
-from saiddiagnosis import proposal, said
+from harness.told_diagnosis import proposal, said
 
 from hoopd.diagnose.record import Candidate, Remains, Unexplained
 from hoopd.learn.belief import belief_of

@@ -1,0 +1,130 @@
+"""The commands of a campaign: record, diagnose, design, compare.
+
+Rules of this file: every step is an ordinary command in a process of its own, which ends with this one; what a step has
+written stays, and a step whose file is there is not repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hoopd.commands.options.learn import LearnOptions
+from hoopd.commands.step_commands import run_step
+from hoopd.learn.campaign import Campaign, RunFiles, read_json
+from hoopd.learn.choice import ChosenRun
+from hoopd.shell.child import end_with_parent
+
+Progress = Callable[[str], None]
+QUIETLY = ("--camera", "direct", "--set", "log.level=error")
+LAW = "lqg"
+BY = "ball"  # what better means
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Runs the commands of a campaign."""
+
+    campaign: Campaign
+    options: LearnOptions
+    progress: Progress
+
+    def say(self, doing: str, asks: str = "") -> None:
+        """What is done from now on, for a terminal and for whoever looks; `asks`: what a person has to do for it."""
+        self.progress(doing)
+        self.campaign.tell(doing=doing, asks=asks)
+
+    def command(
+        self, words: Sequence[str | Path], log: Path, accepted: Sequence[int] = (0,), *, seen: bool = False
+    ) -> int:
+        """Run `hoopd` with these words; StepError with its last line when it ends with another code.
+
+        `seen`: an operator at the device has to see what it says while it runs.
+        """
+        return run_step(words, log, accepted, prefix=end_with_parent("TERM"), seen=seen)
+
+    def place(self) -> list[str]:
+        """Words that say where a run is played."""
+        asked = self.options
+        words = ["--sim", *QUIETLY] if asked.sim else []
+        words += [] if asked.config is None else ["--config", str(asked.config)]
+        return [*words, *(word for one in asked.sets for word in ("--set", one))]
+
+    def record(self, files: RunFiles, choice: ChosenRun, number: int) -> None:
+        """The recording, unless it is there; what a broken run has left is kept under another name."""
+        if files.experiment.exists():
+            return
+        _set_aside(files.recording)
+        asks = "" if self.options.sim else "the operator: arm the device, the run begins then"
+        self.say(f"run {number}: recording {' '.join(choice.words)}", asks)
+        words: list[str | Path] = [
+            "experiment",
+            *choice.words,
+            "--seed",
+            str(self.options.seed + number),
+            *self.place(),
+        ]
+        told = files.folder / ".experiment.json"
+        words += ["--speed", "max"] if self.options.sim else []  # a comparison on the rig is fast by itself
+        words += ["--out", str(files.recording), "--json", str(told)]
+        self.command(words, files.folder / "experiment.log", (0, 1), seen=not self.options.sim)
+        told.replace(files.experiment)
+
+    def diagnose(self, files: RunFiles, recordings: Sequence[Path | str], number: int) -> None:
+        """The diagnosis of all recordings so far, unless it is there."""
+        if files.diagnosis.exists():
+            return
+        self.say(f"run {number}: diagnosing {len(recordings)} recording{'s' if len(recordings) > 1 else ''}")
+        words: list[str | Path] = ["diagnose", *recordings, "--yes", "--seed", str(self.options.seed)]
+        words += [] if self.options.plant is None else ["--plant", self.options.plant]
+        words += [] if self.options.memory is None else ["--memory", self.options.memory]
+        words += ["--jobs", str(self.options.jobs), "--report", files.report, "--write", files.model]
+        self.command([*words, "--json", files.diagnosis], files.folder / "diagnosis.log")
+
+    def design(self, model: Path) -> None:
+        """A controller on what was found, unless it is there."""
+        if self.campaign.design.exists():
+            return
+        self.say("designing a controller on what was found")
+        words: list[str | Path] = [
+            "design",
+            LAW,
+            "--model",
+            model,
+            "--out",
+            self.campaign.controller,
+            "--json",
+            self.campaign.design,
+        ]
+        self.command(words, self.campaign.folder / "design.log")
+
+    def compare(self, accepted: str) -> dict[str, Any]:
+        """Old against new in an alternating run, unless it is there."""
+        path = self.campaign.comparison
+        if not path.exists():
+            self.say("trying the new controller against the old one")
+            words: list[str | Path] = [
+                "compare",
+                accepted,
+                self.campaign.controller,
+                *self.place(),
+                "--by",
+                BY,
+                "--seed",
+                str(self.options.seed),
+            ]
+            figure = self.campaign.folder / "comparison.png"
+            self.command([*words, "--figure", figure, "--json", path], self.campaign.folder / "comparison.log", (0, 1))
+        compared: dict[str, Any] = read_json(path, dict[str, Any])
+        return compared
+
+
+def _set_aside(path: Path) -> None:
+    """A recording that nobody finished."""
+    if path.exists():
+        number = 1
+        while (other := path.with_name(f"broken_{number}.mcap")).exists():
+            number += 1
+        path.replace(other)
