@@ -46,6 +46,7 @@ def dashboard(options: DashboardOptions) -> None:
         lambda at: typer.echo(f"dashboard: {at}"),
         bench,
         KeptCalibrations(kept, config.device.name),
+        options.follow,
     )
 
 

@@ -10,7 +10,7 @@ import asyncio
 import re
 import socket
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
@@ -70,11 +70,14 @@ def server_of(
     where: ServerAddress | None = None,
     bench: Bench | None = None,
     kept: KeptCalibrations = NOT_KEPT,
+    followed: Sequence[Path] = (),
 ) -> uvicorn.Server:
     """The server of a feed at a socket, not yet running; it answers to that address, to localhost and to its names."""
     where = where or ServerAddress()
     config = uvicorn.Config(
-        application(feed, operators, audit, ("localhost", listening.getsockname()[0], *where.names), bench, kept),
+        application(
+            feed, operators, audit, ("localhost", listening.getsockname()[0], *where.names), bench, kept, followed
+        ),
         log_config=None,
         access_log=False,
         server_header=False,
@@ -104,11 +107,12 @@ def serve(
     say: Callable[[str], None],
     bench: Bench | None = None,
     kept: KeptCalibrations = NOT_KEPT,
+    followed: Sequence[Path] = (),
 ) -> None:
     """Serve until the process is told to end; `say` is told the page's address."""
     with bind(where) as listening:
         try:
-            server = server_of(feed, operators, audit, listening, where, bench, kept)
+            server = server_of(feed, operators, audit, listening, where, bench, kept, followed)
             server.config.load()
         except (ssl.SSLError, OSError) as error:
             raise InputError(where.certificate or "", "--certificate", f"cannot be used: {error}") from None

@@ -23,6 +23,7 @@ from hoopd.dashboard.calibration import Calibration
 from hoopd.dashboard.comparisons import Comparisons
 from hoopd.dashboard.experiments import Experiments
 from hoopd.dashboard.feed import Feed
+from hoopd.dashboard.followed import FollowedFolders
 from hoopd.dashboard.guards import RequestGuard
 from hoopd.dashboard.guide.guide import NOT_KEPT, Guide, KeptCalibrations
 from hoopd.dashboard.guide.routes import GuideRoutes
@@ -44,12 +45,14 @@ def application(
     names: Sequence[str],
     bench: Bench | None = None,
     kept: KeptCalibrations = NOT_KEPT,
+    followed: Sequence[Path] = (),
 ) -> Starlette:
     """The server's routes over a feed.
 
     names : hosts that it answers to
     bench : what work it offers
     kept : where accepted calibrations go
+    followed : folders of `hoopd learn` and `hoopd heal`
     """
     pages, comparisons = Pages(feed), Comparisons(feed, operators, audit, bench)
     routes = [
@@ -62,6 +65,7 @@ def application(
         *Experiments(feed, operators, audit, bench).routes,
         *GuideRoutes(Guide(feed, bench, kept), feed, operators, audit).routes,
         *WorkRoutes(bench, operators, audit).routes,
+        *FollowedFolders(followed, operators, audit).routes,
         WebSocketRoute("/api/live", Live(feed, audit).serve),
         WebSocketRoute("/api/picture", Pictures(feed).serve),
         Mount("/static", StaticFiles(directory=STATIC)),

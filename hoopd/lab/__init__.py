@@ -18,6 +18,7 @@ from hoopd.lab.controllers import Controller, Design, controller, design
 from hoopd.lab.diagnosis import Diagnosed, diagnose
 from hoopd.lab.fitting import Fitted, fit
 from hoopd.lab.former_names import fit_plant, simulate_plant
+from hoopd.lab.healed_loops import HealedLoop, heal
 from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
 from hoopd.lab.maneuvers import PlannedManeuver, trajectory
@@ -39,6 +40,7 @@ __all__ = [
     "Diagnosed",
     "Fitted",
     "FittedPlant",
+    "HealedLoop",
     "LearnedModel",
     "Linear",
     "Model",
@@ -56,6 +58,7 @@ __all__ = [
     "feedback",
     "fit",
     "fit_plant",
+    "heal",
     "learn",
     "linearize",
     "load",

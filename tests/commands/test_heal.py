@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from inprocess import call
 
+from hoopd import lab
 from hoopd.commands import operator
 from hoopd.files.heal_versions import VersionFolder
 
@@ -101,3 +102,19 @@ def test_a_policy_that_cannot_be_meant_is_one_line(policy: str, line: str, tmp_p
 def test_what_cannot_be_begun_is_one_line(words: list[str], line: str, tmp_path: Path) -> None:
     code, _, errors = call(["heal", *words, "--out", str(tmp_path / "healed")])
     assert code == 2 and line in errors and errors.count("\n") == 1
+
+
+def test_python_has_the_versions_and_decides_by_the_same_rules(tmp_path: Path) -> None:
+    folder = kept(tmp_path / "healed")
+    loop = lab.heal(folder.folder)
+    assert loop.acting == 0 and loop.waiting == [1] and not loop.is_followed
+    assert [one.state for one in loop.versions] == ["accepted", "proposed", "left"]
+    with pytest.raises(ValueError, match="2: is left, not proposed"):
+        loop.accept(2)
+    loop.leave(1)
+    decision = folder.decision(1)
+    assert loop.waiting == [] and decision is not None and not decision.accept
+    with pytest.raises(ValueError, match="this version has none"):
+        loop.controller(1)
+    with pytest.raises(ValueError, match="holds no versions"):
+        lab.heal(tmp_path / "nowhere")

@@ -7,7 +7,8 @@ import contextlib
 import http.client
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import uvicorn
@@ -71,10 +72,13 @@ def served(
     *,
     port: int = 0,
     kept: KeptCalibrations = NOT_KEPT,
+    followed: Sequence[Path] = (),
 ) -> Iterator[Served]:
     """The page's server on a free port, or on one that is known, until the block ends."""
     with bind(ServerAddress(listen=f"127.0.0.1:{port}")) as listening:
-        server = server_of(feed, operators or Operators({}), audit or Audit(), listening, bench=bench, kept=kept)
+        server = server_of(
+            feed, operators or Operators({}), audit or Audit(), listening, bench=bench, kept=kept, followed=followed
+        )
         thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])))
         thread.start()
         web = Served(feed, listening.getsockname()[1], server, thread)

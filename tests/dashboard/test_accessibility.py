@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from dashboard.bench_folder import lay_out
 from dashboard.driven import log_in
+from dashboard.followed_folders import followed_folders
 from dashboard.served import served
 from harness.browser import CHROMIUM, Page, opened
 from shell.peers import Ticks, controlled, running, wait_until
@@ -20,7 +21,7 @@ from hoopd.dashboard.work.bench import Bench
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
 AXE = "axe_core_python"
-VIEWS = ("drive", "calibrate", "work", "try")
+VIEWS = ("drive", "calibrate", "work", "try", "follow")
 # WCAG 2.1, levels A and AA, and what axe's authors recommend beside them.
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]}
 # Where the focus is, from one press of the tabulator to the next.
@@ -33,6 +34,7 @@ REACHED = {
     "calibrate": {"picture-open", "guide-why", "stop"},
     "work": {"Search recordings", "choose first.csv", "stop"},
     "try": {"signal-kind", "candidate", "stop"},
+    "follow": {"Accept version 1", "Leave version 1", "Versions of healed", "Story", "stop"},
 }
 PRESSES = 150
 
@@ -47,7 +49,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     with (
         running(settings) as telemetry,
         Ticks(telemetry.gate),
-        served(Feed([settings.endpoint], {}), operators, bench=bench) as web,
+        served(Feed([settings.endpoint], {}), operators, bench=bench, followed=followed_folders(folder)) as web,
         opened(folder, web.origin, 1280, 900) as page,
     ):
         assert wait_until(lambda: any(one.alive for one in web.feed.devices.values()))

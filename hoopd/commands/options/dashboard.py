@@ -57,5 +57,11 @@ class DashboardOptions:
         text="The daemon's folder of controllers, where this machine has it: jobs' controllers are laid in.",
         metavar="FOLDER",
     )
+    follow: tuple[Path, ...] = option(
+        "--follow",
+        text="Folder of a `hoopd learn` or `hoopd heal` to show, once for each.",
+        metavar="FOLDER",
+        default=(),
+    )
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()

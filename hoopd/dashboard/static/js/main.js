@@ -6,6 +6,7 @@ import { Commands } from './commands.js';
 import { Compare } from './compare.js';
 import { Controller } from './controller.js';
 import { Experiment } from './experiment.js';
+import { Follow } from './follow.js';
 import { Guide } from './guide.js';
 import { Hoop } from './hoop.js';
 import { Joystick } from './joystick.js';
@@ -37,6 +38,7 @@ class Page {
     this.calibrate = new Calibrate(() => this.device, path => this.commands.post(path));
     this.work = new Work(this.commands, () => this.views.shown === 'work');
     this.experiment = new Experiment(byId('experiment'), this);
+    this.follow = new Follow(this);
     this.modeLine = new ModeLine(byId('mode-line'), this);
     this.compare = new Compare(byId('compare'), this);
     this.tabs = '';
