@@ -26,7 +26,7 @@ from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.plan import HealPlan, HealWork
 from hoopd.heal.probation import Probation
-from hoopd.heal.proposal import Proposal
+from hoopd.heal.proposal import VersionProposal
 
 DRIFT = "model_drift"
 # A drift that is told right after a change of the law may be of the law before it.
@@ -48,7 +48,7 @@ class Healing:
     ) -> None:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self._in_hand = Attempt(folder, plan, clock, tell, run)
-        self._proposal, self._probation = Proposal(self._in_hand), Probation(self._in_hand)
+        self._proposal, self._probation = VersionProposal(self._in_hand), Probation(self._in_hand)
         self._policy = policy
         self._began = self._over = self._settled = False
         self.why = ""

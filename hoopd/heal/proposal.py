@@ -22,7 +22,7 @@ from hoopd.heal.attempt import Attempt
 OF_A_DIAGNOSIS, OF_A_PROOF = ("effects", "probabilities", "parameters"), ("gain", "promise", "earlier")
 
 
-class Proposal:
+class VersionProposal:
     """The first half of a version's way."""
 
     def __init__(self, attempt: Attempt) -> None:

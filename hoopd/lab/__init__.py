@@ -18,7 +18,7 @@ from hoopd.lab.controllers import Controller, Design, controller, design
 from hoopd.lab.diagnosis import Diagnosed, diagnose
 from hoopd.lab.fitting import Fitted, fit
 from hoopd.lab.former_names import fit_plant, simulate_plant
-from hoopd.lab.healed_loops import HealedLoop, heal
+from hoopd.lab.healed_loops import LoopVersions, heal
 from hoopd.lab.linear import Linear, linearize
 from hoopd.lab.loops import ClosedLoop, feedback
 from hoopd.lab.maneuvers import PlannedManeuver, trajectory
@@ -40,9 +40,9 @@ __all__ = [
     "Diagnosed",
     "Fitted",
     "FittedPlant",
-    "HealedLoop",
     "LearnedModel",
     "Linear",
+    "LoopVersions",
     "Model",
     "Picture",
     "PlannedManeuver",

@@ -16,13 +16,13 @@ from hoopd.lab.models import Model, model
 
 
 @dataclass(frozen=True, repr=False)
-class HealedLoop:
+class LoopVersions:
     """What was found of a loop, and what became of it; read anew with every question."""
 
     folder: VersionFolder
 
     def __repr__(self) -> str:
-        return f"HealedLoop({self.folder.folder}: version {self.acting} acts, {len(self.versions)} versions)"
+        return f"LoopVersions({self.folder.folder}: version {self.acting} acts, {len(self.versions)} versions)"
 
     @property
     def acting(self) -> int:
@@ -73,7 +73,7 @@ class HealedLoop:
         return path
 
 
-def heal(folder: Path | str = "healed") -> HealedLoop:
+def heal(folder: Path | str = "healed") -> LoopVersions:
     """Versions of a loop that `hoopd heal` follows, or followed.
 
     Parameters
@@ -83,7 +83,7 @@ def heal(folder: Path | str = "healed") -> HealedLoop:
 
     Returns
     -------
-    HealedLoop
+    LoopVersions
         Its `versions`, which one is `acting`, `model` and `controller` of each; `accept` and `leave` what waits.
 
     Raises
@@ -97,7 +97,7 @@ def heal(folder: Path | str = "healed") -> HealedLoop:
     >>> lab.heal("healed").acting  # doctest: +SKIP
     1
     """
-    loop = HealedLoop(VersionFolder(Path(folder)))
+    loop = LoopVersions(VersionFolder(Path(folder)))
     try:
         loop.folder.loop()
     except InputError as error:
