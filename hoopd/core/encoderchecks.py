@@ -16,14 +16,13 @@ nothing is learned but whether the reported speed has noise.
 from __future__ import annotations
 
 from collections import deque
-from math import copysign, exp, isfinite, sin, sqrt
+from math import copysign, exp, fsum, isfinite, sin, sqrt
+from operator import sub
 from typing import Final, NamedTuple
-
-import numpy as np
 
 from hoopd.core.faulttable import BY_NAME
 from hoopd.core.frames import STATUS_ENABLED
-from hoopd.core.records import DriverSample, Vector
+from hoopd.core.records import DriverSample
 
 NAMES: Final = ("hoop_innovation", "torque_without_motion", "speed_noiseless")
 # Without a model of the hoop.
@@ -88,35 +87,50 @@ class Acted(NamedTuple):
     psi: float  # rad, as estimated
 
 
+class Between(NamedTuple):
+    """Least and greatest change of speed since the beginning, rad/s, each by lateness."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
 class Bounds:
     """Least and greatest change of speed since the beginning, by torque, for each lateness."""
 
     def __init__(self, motion: HoopMotion, tick_s: float) -> None:
         self._motion = motion
-        self._late = motion.late_s + tick_s * np.arange(LATE_TICKS + 1)
-        self._t: deque[float] = deque(maxlen=64)
-        self._low: deque[float] = deque(maxlen=64)
-        self._high: deque[float] = deque(maxlen=64)
+        self._late = [motion.late_s + tick_s * index for index in range(LATE_TICKS + 1)]
+        self._rows: deque[tuple[float, float, float]] = deque(maxlen=64)  # t, least, greatest
 
     def add(self, t: float, acted: Acted) -> None:
         """What acted until `t`, the time of this tick."""
-        if not self._t or not 0.0 < t - self._t[-1] < LONGEST_GAP_S:
-            for kept, first in ((self._t, t), (self._low, 0.0), (self._high, 0.0)):
-                kept.clear()
-                kept.append(first)
+        rows = self._rows
+        if not rows or not 0.0 < t - rows[-1][0] < LONGEST_GAP_S:
+            rows.clear()
+            rows.append((t, 0.0, 0.0))
             return
-        h = t - self._t[-1]
+        before, low_before, high_before = rows[-1]
+        h = t - before
         low, high = accelerations(self._motion, acted)
-        self._t.append(t)
-        self._low.append(self._low[-1] + h * low)
-        self._high.append(self._high[-1] + h * high)
+        rows.append((t, low_before + h * low, high_before + h * high))
 
-    def at(self, t: float) -> Vector | None:
-        """(2, LATE_TICKS + 1) least and greatest at `t`, None when that is out of reach."""
-        at = t - self._late
-        if not self._t or at[-1] < self._t[0]:
+    def at(self, t: float) -> Between | None:
+        """Least and greatest at `t`, None when that is out of reach."""
+        rows = self._rows
+        if not rows or t - self._late[-1] < rows[0][0]:
             return None
-        return np.array([np.interp(at, self._t, self._low), np.interp(at, self._t, self._high)])
+        low, high, index = [], [], len(rows) - 1
+        for late in self._late:
+            at = t - late
+            while rows[index][0] > at:
+                index -= 1
+            t0, low0, high0 = rows[index]
+            # in a straight line to the next row; the last one stays
+            t1, low1, high1 = rows[min(index + 1, len(rows) - 1)]
+            share = (at - t0) / (t1 - t0) if t1 > t0 else 0.0
+            low.append(low0 + share * (low1 - low0))
+            high.append(high0 + share * (high1 - high0))
+        return Between(tuple(low), tuple(high))
 
 
 def accelerations(motion: HoopMotion, acted: Acted) -> tuple[float, float]:
@@ -146,9 +160,9 @@ class Innovation:
         # the difference of two readings; the angle's speed is one itself
         self._speed_tolerance = SIGMAS * sqrt(2.0) * motion.speed_sd
         self._angle_tolerance = SIGMAS * 2.0 * motion.angle_sd
-        self._samples: deque[tuple[DriverSample, Vector]] = deque(maxlen=ticks + rate_ticks + 1)
+        self._samples: deque[tuple[DriverSample, Between]] = deque(maxlen=ticks + rate_ticks + 1)
 
-    def update(self, driver: DriverSample, bounds: Vector | None) -> bool:
+    def update(self, driver: DriverSample, bounds: Between | None) -> bool:
         """Both are outside, on the same side."""
         samples = self._samples
         if bounds is None or (samples and not 0.0 < driver.t - samples[-1][0].t < LONGEST_GAP_S):
@@ -164,28 +178,38 @@ class Innovation:
     def _by_speed(self) -> int:
         (before, begun), (now, ended) = self._samples[self._rate_ticks], self._samples[-1]
         pushed = self._push * (now.t - before.t)
-        return _side(now.dtheta - before.dtheta, ended - begun, self._speed_tolerance + pushed)
+        return _side(now.dtheta - before.dtheta, _apart(ended, begun), self._speed_tolerance + pushed)
 
     def _by_angle(self) -> int:
         samples = list(self._samples)
         first, last = samples[: self._rate_ticks + 1], samples[-self._rate_ticks - 1 :]
         change = _rate(last) - _rate(first)
-        between = np.mean([b for _, b in last], axis=0) - np.mean([b for _, b in first], axis=0)
+        between = _apart(_mean([one for _, one in last]), _mean([one for _, one in first]))
         seconds = min(part[-1][0].t - part[0][0].t for part in (first, last))
         pushed = self._push * (last[-1][0].t - first[-1][0].t)
         return _side(change, between, self._angle_tolerance / seconds + pushed)
 
 
-def _rate(samples: list[tuple[DriverSample, Vector]]) -> float:
+def _rate(samples: list[tuple[DriverSample, Between]]) -> float:
     first, last = samples[0][0], samples[-1][0]
     return (last.theta - first.theta) / (last.t - first.t)
 
 
-def _side(change: float, between: Vector, tolerance: float) -> int:
+def _mean(of: list[Between]) -> Between:
+    low, high = (tuple(fsum(column) / len(of) for column in zip(*rows, strict=True)) for rows in zip(*of, strict=True))
+    return Between(low, high)
+
+
+def _apart(ended: Between, begun: Between) -> Between:
+    low, high = (tuple(map(sub, *rows)) for rows in zip(ended, begun, strict=True))
+    return Between(low, high)
+
+
+def _side(change: float, between: Between, tolerance: float) -> int:
     """-1 below, 1 above what is possible for any lateness, 0 within."""
-    if change < float(between[0].min()) - tolerance:
+    if change < min(between.low) - tolerance:
         return -1
-    return int(change > float(between[1].max()) + tolerance)
+    return int(change > max(between.high) + tolerance)
 
 
 class StandsStill:
@@ -253,6 +277,8 @@ class AngleAgainstSpeed:
     def __init__(self, mismatch_rad_s: float, tick_s: float) -> None:
         self._mismatch_rad_s, self._tick_s = mismatch_rad_s, tick_s
         self._samples: deque[DriverSample] = deque(maxlen=PATH_TICKS + 1)
+        self._speeds: deque[float] = deque(maxlen=PATH_TICKS + 1)  # rad/s, of the samples
+        self._paths: deque[float] = deque(maxlen=PATH_TICKS)  # rad, between two samples by their speeds
         self.lag_s = 0.0  # of the speed, as the model knows it
         self._behind = 0.0  # rad/s, the angle's speed behind that lag
 
@@ -260,10 +286,15 @@ class AngleAgainstSpeed:
         """They contradict each other."""
         samples = self._samples
         if samples and not 0.0 < driver.t - samples[-1].t < LONGEST_GAP_S:
-            samples.clear()
-        if not samples:
+            for kept in (samples, self._speeds, self._paths):
+                kept.clear()
+        if samples:
+            before = samples[-1]
+            self._paths.append((driver.t - before.t) * (driver.dtheta + before.dtheta) / 2.0)
+        else:
             self._behind = driver.dtheta
         samples.append(driver)
+        self._speeds.append(driver.dtheta)
         return len(samples) > 1 and (self._step_off() or self._path_off())
 
     def _step_off(self) -> bool:
@@ -279,10 +310,7 @@ class AngleAgainstSpeed:
     def _path_off(self) -> bool:
         if len(self._samples) <= PATH_TICKS:
             return False
-        samples, speeds = self._samples, [one.dtheta for one in self._samples]
-        t, speed = np.array([one.t for one in samples]), np.array(speeds)
-        # numpy.trapezoid, without what it asks first
-        told = float((np.diff(t) * (speed[1:] + speed[:-1]) / 2.0).sum())
+        samples, speeds, told = self._samples, self._speeds, fsum(self._paths)
         turned = samples[-1].theta - samples[0].theta
         allowed = APART_RAD + APART_SHARE * max(abs(turned), abs(told)) + SPEED_LAG_S * (max(speeds) - min(speeds))
         return abs(turned - told) > allowed
