@@ -19,6 +19,7 @@ from math import copysign, inf, isfinite, nan, sqrt, tau
 
 import numpy as np
 
+from hoopd.core.covariance import Measured, corrected
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 
 # (x, torque N m, h s <= 20 ms) -> state after h, and its derivative by x (4, 4)
@@ -278,15 +279,14 @@ class DelayedEkf:
         if node.start_hoop:
             self._start(node, 0, (node.theta, node.dtheta), (s.r_theta, s.r_dtheta))
         elif node.theta == node.theta:  # not NaN
-            self._measure(node, 0, node.theta, s.r_theta)
-            self._measure(node, 1, node.dtheta, s.r_dtheta)
+            self._measure(node, Measured(0, node.theta, s.r_theta), Measured(1, node.dtheta, s.r_dtheta))
 
     def _absorb_ball(self, node: _Node) -> None:
         s = self.settings
         if node.start_ball:
             self._start(node, 2, (node.psi, 0.0), (self._r_psi(node), s.start_dpsi))
         elif node.psi == node.psi:
-            self._measure(node, 2, node.psi, self._r_psi(node))
+            self._measure(node, Measured(2, node.psi, self._r_psi(node)))
 
     def _r_psi(self, node: _Node) -> float:
         """Variance of the camera's angle, rad^2."""
@@ -303,12 +303,9 @@ class DelayedEkf:
         node.x, node.p = x, p
 
     @staticmethod
-    def _measure(node: _Node, index: int, value: float, r: float) -> None:
-        """State `index` measured with variance r: h = P[:, index], s = h[index] + r, x += h e / s, P -= h h' / s."""
-        column = node.p[:, index]
-        s = float(column[index]) + r
-        node.x = node.x + column * ((value - float(node.x[index])) / s)
-        node.p = node.p - column[:, None] * column / s
+    def _measure(node: _Node, *measured: Measured) -> None:
+        """States as they were measured, one after the other."""
+        node.x, node.p = corrected(node.x, node.p, measured)
 
     def _at(self, t: float) -> Vector:
         """State at `t`, not before the newest node."""
