@@ -31,8 +31,11 @@ from hoopd.plants.plant_with_effects import Composite
 Array = NDArray[np.float64]
 State = tuple[float, float, float, float]
 
-# Longest segment of one call, whose steps are then 1 ms; with effects a call is one such step, which the past keeps.
+# Longest segment of one call, and its steps; with effects a call is one such step, which the past keeps.
 SEGMENT_S, STEP_S = 0.02, 0.001
+# A tick falls into what lies between the answer of the board, the picture and the next tick: a call for a part of it
+# takes so many steps, none longer than in the whole.
+FEWER_STEPS = (2, 7, 14)
 # The past that is kept, beyond the largest latency: a picture is looked at when it is taken.
 MEMORY_S = 0.05
 SAME_S = 1e-9
@@ -45,8 +48,9 @@ class _Physics:
     def __init__(self, found: FoundEffects) -> None:
         effects, values = found.effects(), found.values
         c = Composite(found.plant, effects, substeps=1)
-        steps = 1 if effects else ADVANCE_STEPS
-        self.model = NumericPlant(found.plant, effects, values, advance_steps=steps)
+        steps = (1,) if effects else (*FEWER_STEPS, ADVANCE_STEPS)
+        models = [NumericPlant(found.plant, effects, values, advance_steps=count) for count in steps]
+        self._models = [(count * STEP_S + SAME_S, model) for count, model in zip(steps, models, strict=True)]
         self.delay_s = c.delay_s(values)
         self.late = {channel: c.latency_s(channel, values) for channel in READ}
         self.errors = _readings(c, values) if any(one.sensor or one.sensor_lag for one in effects) else None
@@ -55,6 +59,16 @@ class _Physics:
             (ContactModes(found.plant, effects), values) if any(e.flight is not None for e in effects) else None
         )
         self.has_effects = bool(effects)
+
+    def prepare(self, z: Array) -> None:
+        """Makes all functions now, not in the first tick."""
+        for longest_s, model in self._models:
+            model.advance(z, 0.0, longest_s - SAME_S)
+
+    def advance(self, z: Array, torque_nm: float, h: float, t: float) -> Array:
+        """State after h seconds."""
+        model = next((model for longest_s, model in self._models if h <= longest_s), self._models[-1][1])
+        return model.advance(z, torque_nm, h, t)
 
     def course(self, z: Array) -> ContactCourse | None:
         """How the ball touches the hoop from here on; None where it always does."""
@@ -82,9 +96,8 @@ class RigPlant:
         self._longest_s = max(max(one.late.values()) for _, one in self._stages)
         self._release_s = hold_s
         self.restart(x0, held=held, t=t, inner=inner)
-        # made now, not in the first tick
         for _, one in self._stages:
-            one.model.advance(one.composite.beginning(np.asarray(x0, float)), 0.0, 0.0, t)
+            one.prepare(one.composite.beginning(np.asarray(x0, float)))
 
     def restart(self, x0: Vector, *, held: bool = False, t: float = 0.0, inner: bool = False) -> None:
         """Begin anew, at rest in everything but x0: as a plant that is made now."""
@@ -173,7 +186,7 @@ class RigPlant:
 
     def _move(self, torque_nm: float, h: float) -> None:
         if self._course is None:
-            self._z = self._physics.model.advance(self._z, torque_nm, h, self._t)
+            self._z = self._physics.advance(self._z, torque_nm, h, self._t)
             return
         self._course.advance(torque_nm, h, self._t)
         self._z = self._course.seen()
