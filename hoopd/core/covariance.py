@@ -9,20 +9,14 @@ Rules of this file: pure; arguments stay as they are; either way has the same bi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 
 from hoopd.core.records import Vector
 
-
-class Measured(NamedTuple):
-    """One state as a sensor has it."""
-
-    state: int
-    value: float
-    variance: float
-
+# One state as a sensor has it: its number, the value, the variance.
+Measured: TypeAlias = tuple[int, float, float]
 
 # Of a symmetric matrix of four rows as ten numbers, row by row from the diagonal on: where each of its columns stands.
 _COLUMNS = ((0, 1, 2, 3), (1, 4, 5, 6), (2, 5, 7, 8), (3, 6, 8, 9))
@@ -54,6 +48,7 @@ def corrected(x: Vector, p: Vector, measured: Sequence[Measured]) -> tuple[Vecto
 
 
 def _corrected_any(x: Vector, p: Vector, one: Measured) -> tuple[Vector, Vector]:
-    column = p[:, one.state]
-    s = float(column[one.state]) + one.variance
-    return x + column * ((one.value - float(x[one.state])) / s), p - column[:, None] * column / s
+    state, value, variance = one
+    column = p[:, state]
+    s = float(column[state]) + variance
+    return x + column * ((value - float(x[state])) / s), p - column[:, None] * column / s

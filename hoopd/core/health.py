@@ -173,9 +173,16 @@ class Health:
 
     def update(self, inputs: Inputs, estimate: Estimate, sent: Sent) -> None:
         """Advance every count by this tick."""
+        counts, suspended, news = self._counts, self._suspended, False
         for name, weight in self._conditions(inputs, estimate, sent).items():
-            self._counts[name].update(0 if name in self._suspended else weight)
-        self._look()
+            count = counts[name]
+            if weight or count.bad or count.active:
+                count.update(0 if name in suspended else weight)
+                news = True
+            else:  # most of them, most of the time: well for one more period
+                count.good += 1
+        if news:
+            self._look()
         if inputs.driver is not None:
             self._driver = inputs.driver
         self._asked_nm = sent.torque_nm

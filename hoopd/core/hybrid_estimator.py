@@ -18,7 +18,6 @@ from math import isfinite, nan, sqrt, tau
 import numpy as np
 
 from hoopd.core.ball_modes import BallModes, BallState, carried, jumped, probability
-from hoopd.core.covariance import Measured
 from hoopd.core.estimator import LONGEST_STEP_S, ROLLING, DelayedEkf, EkfSettings, Step, _Node
 from hoopd.core.records import BallPlace, CameraSample, DriverSample, Estimate, Vector
 
@@ -160,9 +159,9 @@ class HybridEkf(DelayedEkf):
             super()._absorb_ball(node)
         elif node.psi == node.psi:  # not NaN
             direction, distance = self._noise(node)
-            self._measure(node, Measured(DIRECTION, node.psi, direction))
+            self._measure(node, (DIRECTION, node.psi, direction))
             if node.distance == node.distance:
-                self._measure(node, Measured(DISTANCE, node.distance, distance))
+                self._measure(node, (DISTANCE, node.distance, distance))
 
     def _start_air(self, node: _Node) -> None:
         """A flight of which only the place is known."""

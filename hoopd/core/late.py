@@ -13,7 +13,7 @@ from collections.abc import Callable
 from math import isfinite
 from typing import NamedTuple
 
-from hoopd.core.estimator import LONGEST_STEP_S, DelayedEkf, Step
+from hoopd.core.estimator import LONGEST_STEP_S, DelayedEkf, Step, ahead_of
 from hoopd.core.records import CameraSample, DriverSample, Estimate, Vector
 
 # (theta, dtheta, psi) as read -> as they are; a value that does not concern it stays.
@@ -33,7 +33,7 @@ class LateEstimator:
 
     def __init__(self, inner: DelayedEkf, step: Step, delays: Delays, correct: Correct | None = None) -> None:
         self.inner, self.delays = inner, delays
-        self._step, self._correct = step, correct
+        self._stepped, self._correct = ahead_of(step), correct
         self.reset()
 
     def reset(self) -> None:
@@ -81,7 +81,7 @@ class LateEstimator:
             until = min(max(arrival, t), end)
             while until - t > 0.0:
                 h = min(until - t, LONGEST_STEP_S)
-                x, _ = self._step(x, torque, h)
+                x = self._stepped(x, torque, h)
                 t += h
             torque = coming
         return x

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from hoopd.core.frames import ANSWER_BOUNDS, THETA_WRAP_RAD, Answer, Event, LinkFault, implausible_field
 from hoopd.core.records import DriverSample, LinkCounts
 
+NOTHING = LinkCounts()
+
 
 class AnswerFilter:
     """Takes the decoder's events of one tick; gives the one answer that echoes the last request, and the counts."""
@@ -26,7 +28,7 @@ class AnswerFilter:
         self._expected: int | None = None
         self._t_sample = 0.0
         self._sample: DriverSample | None = None
-        self._counts = LinkCounts()
+        self._counts = NOTHING
         self._theta_raw: float | None = None
         self._offset = 0.0
 
@@ -45,8 +47,8 @@ class AnswerFilter:
 
     def collect(self, lost: bool = False) -> tuple[DriverSample | None, LinkCounts]:
         """The newest accepted answer and the counts since the last call."""
-        sample, counts = self._sample, self._counts._replace(lost=lost)
-        self._sample, self._counts = None, LinkCounts()
+        sample, counts = self._sample, self._counts._replace(lost=True) if lost else self._counts
+        self._sample, self._counts = None, NOTHING
         return sample, counts
 
     def _judge(self, answer: Answer) -> None:
@@ -60,8 +62,9 @@ class AnswerFilter:
     def _accept(self, answer: Answer) -> None:
         self._expected = None  # a second copy is not a second measurement
         self._count("good", 1)
-        theta = self._unwrapped(answer.theta)
-        self._sample = DriverSample(self._t_sample, *answer._replace(theta=theta))
+        seq, status, errors, theta, dtheta, current, board_ms = answer
+        theta = self._unwrapped(theta)
+        self._sample = DriverSample(self._t_sample, seq, status, errors, theta, dtheta, current, board_ms)
 
     def _unwrapped(self, theta: float) -> float:
         """theta = raw + n * 1024 turns, the n that keeps it nearest to the previous answer's."""

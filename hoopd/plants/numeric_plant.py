@@ -37,13 +37,18 @@ MANY, HARMONIC_FILTER_STEPS = 12.0, 4
 class FilterStep:
     """State after h seconds and its derivative by the state, of a plant at its time zero."""
 
-    def __init__(self, call: Call, *, timed: bool) -> None:
-        self._call, self._rest = call, (0.0,) if timed else ()
+    def __init__(self, call: Call, state: Call, *, timed: bool) -> None:
+        """`state`: as `call`, without the derivative."""
+        self._call, self._state, self._rest = call, state, (0.0,) if timed else ()
 
     def __call__(self, x: Vector, u: float, h: float) -> tuple[Vector, Matrix]:
         """As `NumericPlant.step_and_jacobian`."""
         after = self._call.vector(x, u, h, *self._rest)
         return after, self._call.matrix(1)
+
+    def ahead(self, x: Vector, u: float, h: float) -> Vector:
+        """The state alone, of the same bits."""
+        return self._state.vector(x, u, h, *self._rest)
 
 
 class NumericPlant:
@@ -123,7 +128,7 @@ class NumericPlant:
     @property
     def filter_step(self) -> FilterStep:
         """`step_and_jacobian` without the plant: what a filter needs, and what goes to another process."""
-        return FilterStep(self._step, timed=self._timed)
+        return FilterStep(self._step, self._ahead, timed=self._timed)
 
     def smooth_rate(self, x: Any, u: Any, width: float) -> Any:
         """dx/dt of the plant's own states as an expression, dry friction smoothed over `width` of its rate."""
@@ -161,8 +166,15 @@ class NumericPlant:
 
     @cached_property
     def _step(self) -> Call:
-        steps = HARMONIC_FILTER_STEPS if self._most_a_turn() > MANY else FILTER_STEPS
-        return Call(self._stepped("step", steps, jacobian=True))
+        return Call(self._stepped("step", self._filter_steps, jacobian=True))
+
+    @cached_property
+    def _ahead(self) -> Call:
+        return Call(self._stepped("ahead", self._filter_steps, jacobian=False))
+
+    @property
+    def _filter_steps(self) -> int:
+        return HARMONIC_FILTER_STEPS if self._most_a_turn() > MANY else FILTER_STEPS
 
     @cached_property
     def _advance(self) -> Call:

@@ -93,9 +93,10 @@ class LockstepRig:
         """Advance to the next deadline."""
         self._ticks += 1
         self._run_until(self._ticks * self._period_s)
-        self._psi.append((self._now, self._plant.state[2]))
+        state = self._plant.state
+        self._psi.append((self._now, state[2]))
         if self._truth is not None:
-            self._truth(self._now, self._plant.state, self._plant.distance)
+            self._truth(self._now, state, self._plant.distance)
         if self._ticks % YIELD_EVERY == 0:
             await asyncio.sleep(0)
         return 1

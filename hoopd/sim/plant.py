@@ -253,4 +253,5 @@ def _readings(c: Composite, values: Mapping[str, float]) -> Call:
 
 
 def _state(z: Array) -> State:
-    return float(z[0]), float(z[1]), float(z[2]), float(z[3])
+    theta, dtheta, psi, dpsi = z[:4].tolist()
+    return theta, dtheta, psi, dpsi

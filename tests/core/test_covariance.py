@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoopd.core.covariance import Measured, corrected
+from hoopd.core.covariance import corrected
 
-MEASURED = (Measured(0, 0.3, 1e-4), Measured(1, -2.0, 2.5e-3), Measured(2, 0.1, 1.6e-5), Measured(3, 0.0, 9.0))
+MEASURED = ((0, 0.3, 1e-4), (1, -2.0, 2.5e-3), (2, 0.1, 1.6e-5), (3, 0.0, 9.0))
 
 
 def drawn(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -21,11 +21,12 @@ def drawn(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 def test_it_is_the_kalman_filters_correction(count: int, seed: int) -> None:
     x, p = drawn(seed, count)
     found_x, found_p = corrected(x, p, MEASURED)
-    h = np.eye(count)[[one.state for one in MEASURED]]
+    states, values, variances = zip(*MEASURED, strict=True)
+    h = np.eye(count)[list(states)]
     # all at once, which for independent noises is one after the other
-    s = h @ p @ h.T + np.diag([one.variance for one in MEASURED])
+    s = h @ p @ h.T + np.diag(variances)
     k = p @ h.T @ np.linalg.inv(s)
-    np.testing.assert_allclose(found_x, x + k @ ([one.value for one in MEASURED] - h @ x), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(found_x, x + k @ (values - h @ x), rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(found_p, p - k @ h @ p, rtol=0.0, atol=1e-8 * np.abs(p).max())
     assert np.array_equal(found_p, found_p.T)
 
