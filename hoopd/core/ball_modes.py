@@ -19,10 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoopd.core.estimator import Step, ahead_of
 from hoopd.core.records import Vector
 
-# (x, torque N m, h s <= 20 ms) -> state after h, and its derivative by x
-Step = Callable[[Vector, float, float], tuple[Vector, Vector]]
 # (x, torque) -> state of the next mode, X, and d
 Jump = Callable[[Vector, float], tuple[Vector, Vector, Vector]]
 
@@ -116,10 +115,10 @@ def _time_of(passage: Passage, step: Step, x: Vector, torque_nm: float, h: float
     """When the guard falls to zero; 0 where it has."""
     if passage.guard(x) <= 0.0:
         return 0.0
-    early, late = 0.0, h
+    early, late, ahead = 0.0, h, ahead_of(step)
     for _ in range(BISECTIONS):
         middle = (early + late) / 2
-        if passage.guard(step(x, torque_nm, middle)[0]) > 0.0:
+        if passage.guard(ahead(x, torque_nm, middle)) > 0.0:
             early = middle
         else:
             late = middle

@@ -324,8 +324,8 @@ class DriverBoard:
         theta, dtheta, current = self._measured()
         count = 2 * math.pi / config.counts_per_turn
         theta = math.floor(theta / count) * count
-        noise = self._rng.standard_normal(2)
-        return wrap_theta(theta), dtheta + config.dtheta_noise * noise[0], current + config.current_noise * noise[1]
+        of_speed, of_current = self._rng.standard_normal(2).tolist()
+        return wrap_theta(theta), dtheta + config.dtheta_noise * of_speed, current + config.current_noise * of_current
 
     def _measured(self) -> tuple[float, float, float]:
         """theta, dtheta and current without noise, as encoder and shunt have them."""

@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.core.ball_modes import BallMode, BallModes, Passage, Step
+from hoopd.core.ball_modes import BallMode, BallModes, Passage
+from hoopd.core.estimator import Step
 from hoopd.plants.compiled import Call
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.effects.contact_modes import AIR, INNER, ROLLING, ContactModes, on_track
