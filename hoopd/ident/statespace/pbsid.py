@@ -3,17 +3,19 @@
 A long vector ARX model, whose errors no feedback biases, gives the Markov parameters C Abar^(i-1) [B - K D, K] of the
 predictor; with them the observability matrix times the state of every sample is known, a singular value decomposition
 gives the states, and two regressions the matrices (Chiuso, IEEE Trans. Automat. Control 52, 2007).
+With w = [z(t-p); ...; z(t)], z = [u; y], the windows' triangular factor L holds all of it: every signal is a row S L,
+its products with another those of the samples.
 
-Rules of this file: nothing runs across a gap or two experiments; the past is as long as the predictor remembers.
+Rules of this file: nothing runs across a gap or two experiments; the past is as long as the predictor remembers; only
+the factor is used, never the samples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hoopd.ident.checks import Orders, check
@@ -22,12 +24,15 @@ from hoopd.ident.estimation_report import chosen, estimated
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.simulationcheck import check_simulation
+from hoopd.ident.statespace import windows
 from hoopd.ident.statespace.ordering import autoregression, joined
 
 Array = NDArray[np.float64]
 
 # Lags that are looked at for the past, and rows for each unknown of the long model.
 LEAST_PAST, MOST_PAST, SHARE = 10, 40, 4
+# Of the largest singular value: a state that the data do not show is rounding.
+LEAST_SHARE = 1e-12
 
 
 @estimated("predictor-based subspace (PBSID-opt)")
@@ -87,15 +92,13 @@ def pbsid(
     f = future if future is not None else min(p, max(-(-2 * order // ny), 2))
     if not 1 <= f <= p or order < 1 or f * ny < order:
         raise ValueError(f"order {order} does not fit into {f} block rows of future and a past of {p} samples")
-    parts = [part for part in parts if part.n > p + 1]
-    size = p * (nu + ny) + nu * direct
-    if sum(part.n - p for part in parts) < SHARE * size:
+    pieces = [joined(part) for part in parts if part.n > p + 1]
+    size, count = p * (nu + ny) + nu * direct, windows.count(pieces, p + 1)
+    if count < SHARE * size:
         raise ValueError(f"too few samples: a past of {p} samples wants {SHARE * size} without a gap")
-    behind, u, y = (np.concatenate(rows) for rows in zip(*(_rows(part, p) for part in parts), strict=True))
-    lengths = [part.n - p for part in parts]
-    long = _least(np.hstack([behind, u]) if direct else behind, y)
-    states, values = _states(behind, long[: p * (nu + ny)].T.reshape(ny, p, nu + ny), f, order)
-    model = replace(_matrices(states, u, y, lengths, direct), singular_values=values)
+    low = windows.factor(pieces, p + 1, np.arange((p + 1) * (nu + ny)))
+    rows = _WindowRows(low.reshape(p + 1, nu + ny, -1), nu, count)
+    model = _matrices(rows, *_states(rows, _long_model(rows, direct), f, order), direct)
     model = replace(model, dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
     check_model(model, sum(one.n for one in each))
     check_simulation(model, each)
@@ -112,44 +115,77 @@ def _past(parts: Sequence[Data], order: int) -> int:
     return found
 
 
-def _rows(part: Data, p: int) -> tuple[Array, Array, Array]:
-    """z(t-p), ..., z(t-1) of every sample after the first p; u(t), y(t)."""
-    windows = sliding_window_view(joined(part)[:-1], p, axis=0).transpose(0, 2, 1)
-    return windows.reshape(len(windows), -1), part.u[p:], part.y[p:]
+@dataclass(frozen=True)
+class _WindowRows:
+    """Signals as rows of the factor (p + 1, nu + ny, width): sums of products over `count` windows are those of rows."""
+
+    low: Array
+    nu: int
+    count: int
+
+    @property
+    def past(self) -> Array:
+        """z(t-p), ..., z(t-1)."""
+        return self._stacked(self.low[:-1])
+
+    @property
+    def next_past(self) -> Array:
+        """z(t-p+1), ..., z(t)."""
+        return self._stacked(self.low[1:])
+
+    @property
+    def u(self) -> Array:
+        """u(t)."""
+        return np.asarray(self.low[-1, : self.nu])
+
+    @property
+    def y(self) -> Array:
+        """y(t)."""
+        return np.asarray(self.low[-1, self.nu :])
+
+    def _stacked(self, part: Array) -> Array:
+        return np.asarray(part.reshape(-1, self.low.shape[2]))
 
 
 def _least(rows: Array, target: Array) -> Array:
-    """Least squares with columns of one length."""
-    size = np.linalg.norm(rows, axis=0)
+    """M of target = M rows by least squares, with rows of one length."""
+    size = np.linalg.norm(rows, axis=1)
     size[size == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(rows / size, target, rcond=1e-12)[0] / size[:, None])
+    return np.asarray(np.linalg.lstsq((rows / size[:, None]).T, target.T, rcond=1e-12)[0].T / size)
 
 
-def _states(behind: Array, markov: Array, f: int, order: int) -> tuple[Array, Array]:
-    """States (rows, order) and singular values; markov (ny, p, m) with the oldest lag first.
+def _long_model(rows: _WindowRows, direct: bool) -> Array:
+    """Coefficients (ny, p, nu + ny) of the past in the long model, the oldest lag first."""
+    past = rows.past
+    found = _least(np.vstack([past, rows.u]) if direct else past, rows.y)
+    p, channels, _ = rows.low.shape
+    return found[:, : len(past)].reshape(len(found), p - 1, channels)
+
+
+def _states(rows: _WindowRows, markov: Array, f: int, order: int) -> tuple[Array, Array]:
+    """T (order, p (nu + ny)) of the states T [z(t-p); ...; z(t-1)], and the singular values.
 
     Block row k of the observability matrix times the state is the long model, its past moved on by k samples.
     """
-    ny, p, m = markov.shape
-    wide = np.zeros((f, ny, p, m))
+    ny, p, channels = markov.shape
+    wide = np.zeros((f, ny, p, channels))
     for k in range(f):
         wide[k, :, k:] = markov[:, : p - k]
     # the state's part of y(t + k): what lies k samples further back counts C Abar^(k + i - 1)
-    seen = behind @ wide.reshape(f * ny, p * m).T
-    left, values, _ = np.linalg.svd(seen, full_matrices=False)
-    return left[:, :order] * np.sqrt(len(behind)), values
+    seen = wide.reshape(f * ny, p * channels)
+    left, values, _ = np.linalg.svd(seen @ rows.past, full_matrices=False)
+    # of variance 1
+    scale = np.sqrt(rows.count) / np.maximum(values[:order], LEAST_SHARE * values[0] + np.finfo(float).tiny)
+    return scale[:, None] * (left[:, :order].T @ seen), values
 
 
-def _matrices(x: Array, u: Array, y: Array, lengths: Sequence[int], direct: bool) -> Innovations:
-    """C, D from the outputs, then A, B, K from the states that follow, within each stretch."""
-    nx, nu = x.shape[1], u.shape[1]
-    found = _least(np.hstack([x, u]) if direct else x, y).T
-    c, d = found[:, :nx], found[:, nx:] if direct else np.zeros((y.shape[1], nu))
-    e = y - x @ c.T - u @ d.T
-    ends = np.cumsum(lengths)
-    inside = np.ones(len(x), dtype=bool)
-    inside[ends - 1] = False
-    now = np.flatnonzero(inside)
-    step = _least(np.hstack([x, u, e])[now], x[now + 1]).T
+def _matrices(rows: _WindowRows, states: Array, values: Array, direct: bool) -> Innovations:
+    """C, D from the outputs, then A, B, K from the states that follow."""
+    x, u, y = states @ rows.past, rows.u, rows.y
+    nx, nu = len(x), len(u)
+    found = _least(np.vstack([x, u]) if direct else x, y)
+    c, d = found[:, :nx], found[:, nx:] if direct else np.zeros((len(y), nu))
+    e = y - c @ x - d @ u
+    step = _least(np.vstack([x, u, e]), states @ rows.next_past)
     a, b, k = step[:, :nx], step[:, nx : nx + nu], step[:, nx + nu :]
-    return Innovations(a, b, c, d, k, 1.0, r=e.T @ e / len(e), x0=None)
+    return Innovations(a, b, c, d, k, 1.0, r=e @ e.T / rows.count, x0=None, singular_values=values)

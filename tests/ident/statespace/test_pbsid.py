@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
 import warnings
 
 import numpy as np
 import pytest
 
+from hoopd.ident.conditioning import concatenate
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.statespace.pbsid import pbsid
 from hoopd.ident.statespace.subspace import subspaceid
@@ -50,3 +52,15 @@ def test_orders_that_do_not_fit_are_refused() -> None:
         pbsid(data, 3, past=2)
     with pytest.raises(ValueError, match="too few"):
         pbsid(data, 1, past=60)
+
+
+def test_memory_does_not_grow_with_the_samples() -> None:
+    peaks = []
+    for data in (short := looped(6, 20_000), concatenate(*[short] * 4)):
+        pbsid(data, 1)  # modules are loaded
+        tracemalloc.start()
+        pbsid(data, 1)
+        peaks.append(tracemalloc.get_traced_memory()[1] / data.n)
+        tracemalloc.stop()
+    # a handful of numbers a sample, where a row of the long past would be twenty
+    assert max(peaks) < 8 * 20
