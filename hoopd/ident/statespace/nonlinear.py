@@ -1,16 +1,16 @@
 """Nonlinear grey box: parameters and initial state that make the one-step errors of a sigma-point filter least.
 
-Least squares within bounds (scipy's trust region); all central differences of one derivative run through the filter
-together. A prior on the parameters makes it the maximum a posteriori.
+Least squares within bounds (scipy's trust region); all differences of one derivative run through the filter together,
+one-sided ones on the way, central ones for the covariance. A prior on the parameters makes it the maximum a posteriori.
 
-Rules of this file: f and h are the user's and are called with arrays whose first axis is the state or the parameter;
-CasADi functions f(x, u, p) and h(x, u, p) serve as well.
+Rules of this file: f and h are the user's and are called with arrays whose first axis is the state or the parameter,
+once with arrays of symbols (`filter_graph`); CasADi functions f(x, u, p) and h(x, u, p) serve as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from hoopd.ident.estimation_report import EstimationReport, estimated
 from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import integrator
+from hoopd.ident.statespace.filter_graph import FilterGraph, as_array, as_symbols, filter_graph
 from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system, predicted, simulated
 from hoopd.ident.statespace.unscented import Map, NonlinearSystem, filtered
 
@@ -111,7 +112,7 @@ class _Task:
     weight: Array  # (ny, ny)
     prior: Array | None  # standard deviations of the parameters
     centre: Array
-    horizon: int
+    graph: FilterGraph | None  # of the filter, where f and h can be followed
 
 
 @estimated("nonlinear grey box")
@@ -143,7 +144,8 @@ def nonlinear_pem(
     data : Data or sequence of Data
         One or several experiments.
     f, h : callable
-        Next state (nx,) and output (ny,) of (x, u, p, t).
+        Next state (nx,) and output (ny,) of (x, u, p, t). Called once with arrays of symbols too, so that all samples
+        run at once where neither branches on a value.
     p0 : array_like, shape (np,)
         Start of the parameters.
     x0 : array_like, shape (nx,)
@@ -212,7 +214,8 @@ def nonlinear_pem(
     )  # fmt: skip
     weight = np.linalg.inv(np.linalg.cholesky(r))
     sd = None if prior is None else np.broadcast_to(np.asarray(prior, dtype=float), p.shape)
-    task = _Task(system, each, len(p), estimate_x0, tuple(start for _ in each), weight, sd, p, 1)
+    graph = filter_graph(system, each[0].y, each[0].u, each[0].t, p, start)
+    task = _Task(system, each, len(p), estimate_x0, tuple(start for _ in each), weight, sd, p, graph)
     return _minimised(task, _names(names, len(p)), (low, high), iterations, tolerance)
 
 
@@ -226,8 +229,15 @@ def _minimised(
     far = np.full(len(tail), np.inf)
     # one factor for all: without it, tolerances would depend on the scale of the noise
     level = np.sqrt(np.mean(np.square(_errors(task, z[:, None])[: _count(task)])) * _count(task)) + 1e-300
+    latest: dict[bytes, Array] = {}
+
+    def errors(v: Array) -> Array:
+        latest.clear()
+        latest[v.tobytes()] = _errors(task, v[:, None])
+        return np.asarray(latest[v.tobytes()][:, 0] / level)
+
     found = optimize.least_squares(
-        lambda v: _errors(task, v[:, None])[:, 0] / level, z, lambda v: _slope(task, v, bounds) / level,
+        errors, z, lambda v: _one_sided(task, v, bounds, latest.get(v.tobytes())) / level,
         (np.concatenate([bounds[0], -far]), np.concatenate([bounds[1], far])), x_scale="jac",
         ftol=tolerance, xtol=tolerance, gtol=1e-12, max_nfev=iterations,
     )  # fmt: skip
@@ -238,12 +248,12 @@ def _minimised(
 
 def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, Array], evaluations: int) -> Nonlinear:
     p, starts = z[: task.count], _starts(task, z[:, None])
-    own = [_filter(task, one, p[:, None], x)[:, :, 0] for one, x in zip(task.each, starts, strict=True)]
+    own = [_filter(task, one, p[:, None], x)[0][:, :, 0] for one, x in zip(task.each, starts, strict=True)]
     seen = [e[np.isfinite(one.y).all(axis=1)] for e, one in zip(own, task.each, strict=True)]
     errors = np.vstack(seen) if sum(map(len, seen)) > task.system.ny else np.vstack(own)
     r = errors.T @ errors / len(errors)
     whiten = np.linalg.inv(np.linalg.cholesky(r + 1e-18 * np.trace(r) * np.eye(len(r)) + 1e-300 * np.eye(len(r))))
-    j = _slope(_Task(**{**task.__dict__, "weight": whiten}), z, bounds)
+    j = _central(replace(task, weight=whiten), z, bounds)
     scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     labels = names + tuple(
         f"x0[{i}]@{k}" for k in range(len(task.each) * task.free_start) for i in range(task.system.nx)
@@ -263,9 +273,8 @@ def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, 
 def _check_integrator(task: _Task, z: Array, covariance: Array) -> None:
     """Warn of a pole of the linearisation about the middle of the first record that cannot be told from 1."""
     one, m = task.each[0], task.count
-    with np.errstate(all="ignore"):
-        found = filtered(task.system, one.y, one.u, one.t, z[:m, None], _starts(task, z[:, None])[0])
-    x, u = np.median(found.x[:, :, 0], axis=0), np.median(one.u, axis=0)
+    states = _filter(task, one, z[:m, None], _starts(task, z[:, None])[0])[1]
+    x, u = np.median(states[:, :, 0], axis=0), np.median(one.u, axis=0)
     h = STEP * np.maximum(np.abs(z[:m]), 1e-2)
     sets = np.column_stack([z[:m], z[:m, None] + np.diag(h)])
     poles = np.array([_nearest_to_one(task.system, x, u, p) for p in sets.T])
@@ -289,7 +298,7 @@ def _errors(task: _Task, z: Array) -> Array:
     p = z[: task.count]
     rows = []
     for one, x in zip(task.each, _starts(task, z), strict=True):
-        e = _filter(task, one, p, x)
+        e = _filter(task, one, p, x)[0]
         rows.append(np.einsum("ab,nbm->nam", task.weight, e).reshape(-1, z.shape[1]))
     if task.prior is not None:
         rows.append((p - task.centre[:, None]) / task.prior[:, None])
@@ -297,12 +306,20 @@ def _errors(task: _Task, z: Array) -> Array:
     return np.where(np.isfinite(found), np.clip(found, -LOST, LOST), LOST)
 
 
-def _filter(task: _Task, one: Data, p: Array, x: Array) -> Array:
-    try:
-        with np.errstate(all="ignore"):
-            return filtered(task.system, one.y, one.u, one.t, p, x).e
-    except np.linalg.LinAlgError:
-        return np.full((one.n, task.system.ny, p.shape[1]), LOST)
+def _filter(task: _Task, one: Data, p: Array, x: Array) -> tuple[Array, Array]:
+    """Errors (n, ny, m) and predicted states (n, nx, m); where a covariance is lost, errors of a filter that diverged.
+
+    By the graph, a set that is lost takes no other with it.
+    """
+    with np.errstate(all="ignore"):
+        if task.graph is not None:
+            return task.graph.run(one.y, one.u, one.t, p, x)
+        try:
+            found = filtered(task.system, one.y, one.u, one.t, p, x)
+        except np.linalg.LinAlgError:
+            m = p.shape[1]
+            return np.full((one.n, task.system.ny, m), LOST), np.full((one.n, task.system.nx, m), LOST)
+        return found.e, found.x
 
 
 def _starts(task: _Task, z: Array) -> tuple[Array, ...]:
@@ -313,16 +330,23 @@ def _starts(task: _Task, z: Array) -> tuple[Array, ...]:
     return tuple(z[task.count + i * nx : task.count + (i + 1) * nx] for i in range(len(task.each)))
 
 
-def _slope(task: _Task, z: Array, bounds: tuple[Array, Array]) -> Array:
-    """Derivatives of `_errors` at z: central differences, one-sided at a bound, all in one run of the filter."""
+def _central(task: _Task, z: Array, bounds: tuple[Array, Array]) -> Array:
+    """Derivatives of `_errors` at z by central differences, one-sided at a bound, all in one run of the filter."""
     h = STEP * np.maximum(np.abs(z), 1e-2)
-    steps = np.concatenate([np.diag(h), -np.diag(h)], axis=1)
-    sets = z[:, None] + steps
+    sets = z[:, None] + np.concatenate([np.diag(h), -np.diag(h)], axis=1)
     sets[: task.count] = np.clip(sets[: task.count], bounds[0][:, None], bounds[1][:, None])
-    found = _errors(task, sets)
     m = len(z)
-    width = np.array([sets[i, i] - sets[i, m + i] for i in range(m)])
+    found, width = _errors(task, sets), (sets[:, :m] - sets[:, m:]).diagonal()
     return np.asarray((found[:, :m] - found[:, m:]) / np.where(width == 0.0, np.inf, width))
+
+
+def _one_sided(task: _Task, z: Array, bounds: tuple[Array, Array], here: Array | None) -> Array:
+    """The same by half the runs, good enough to find the way by; `here` are the errors (rows, 1) at z, if known."""
+    h = STEP * np.maximum(np.abs(z), 1e-2)
+    above = np.concatenate([bounds[1], np.full(len(z) - task.count, np.inf)])
+    steps = np.diag(np.where(z + h > above, -h, h))
+    here = _errors(task, z[:, None]) if here is None else here
+    return np.asarray((_errors(task, z[:, None] + steps) - here) / steps.diagonal())
 
 
 def _count(task: _Task) -> int:
@@ -348,11 +372,19 @@ def _matrix(given: ArrayLike, size: int, name: str) -> Array:
 def _callable(of: Any, vectorised: bool) -> Map:
     """The user's function in the filter's form."""
     if type(of).__module__.startswith("casadi"):
-        return lambda x, u, p, t: of(x, np.repeat(u, x.shape[1], axis=1), p).full()
+        return lambda x, u, p, t: _casadis(of, x, u, p)
     if vectorised:
         return of  # type: ignore[no-any-return]
 
     def by_column(x: Array, u: Array, p: Array, t: float) -> Array:
-        return np.stack([np.asarray(of(x[:, i], u[:, 0], p[:, i], t), dtype=float) for i in range(x.shape[1])], axis=1)
+        return np.stack([np.asarray(of(x[:, i], u[:, 0], p[:, i], t), dtype=x.dtype) for i in range(x.shape[1])], 1)
 
     return by_column
+
+
+def _casadis(of: Any, x: Array, u: Array, p: Array) -> Array:
+    """A CasADi function of arrays, of numbers or of symbols."""
+    if x.dtype != object:
+        return np.asarray(of(x, np.repeat(u, x.shape[1], axis=1), p).full())
+    columns = [of(*(as_symbols(one, (len(one), 1)) for one in (x[:, i], u[:, 0], p[:, i]))) for i in range(x.shape[1])]
+    return np.hstack([as_array(one) for one in columns])

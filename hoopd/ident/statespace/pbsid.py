@@ -96,7 +96,7 @@ def pbsid(
     size, count = p * (nu + ny) + nu * direct, windows.count(pieces, p + 1)
     if count < SHARE * size:
         raise ValueError(f"too few samples: a past of {p} samples wants {SHARE * size} without a gap")
-    low = windows.factor(pieces, p + 1, np.arange((p + 1) * (nu + ny)))
+    low = windows.factor(pieces, p + 1, np.arange((p + 1) * (nu + ny), dtype=int))
     rows = _WindowRows(low.reshape(p + 1, nu + ny, -1), nu, count)
     model = _matrices(rows, *_states(rows, _long_model(rows, direct), f, order), direct)
     model = replace(model, dt=each[0].dt, inputs=each[0].inputs, outputs=each[0].outputs)
@@ -117,7 +117,7 @@ def _past(parts: Sequence[Data], order: int) -> int:
 
 @dataclass(frozen=True)
 class _WindowRows:
-    """Signals as rows of the factor (p + 1, nu + ny, width): sums of products over `count` windows are those of rows."""
+    """Signals as rows of the factor (p + 1, nu + ny, width): their products are those of `count` windows."""
 
     low: Array
     nu: int

@@ -10,6 +10,7 @@ Rules of this file: a window never crosses a gap or the end of an experiment; me
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -37,7 +38,7 @@ def moments(pieces: Sequence[Array], length: int) -> Array:
     return total
 
 
-def factor(pieces: Sequence[Array], length: int, order: Array, gram: Array | None = None) -> Array:
+def factor(pieces: Sequence[Array], length: int, order: NDArray[Any], gram: Array | None = None) -> Array:
     """Lower triangular L with L L' = moments in the given order of rows."""
     g = (moments(pieces, length) if gram is None else gram)[np.ix_(order, order)]
     scale = np.sqrt(np.maximum(np.diag(g), np.finfo(float).tiny))
@@ -67,7 +68,7 @@ def _moments(z: Array, length: int) -> Array:
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
-def _by_qr(pieces: Sequence[Array], length: int, order: Array) -> Array:
+def _by_qr(pieces: Sequence[Array], length: int, order: NDArray[Any]) -> Array:
     r = np.zeros((0, len(order)))
     for rows in _chunks(pieces, length):
         r = linalg.qr(np.vstack([r, rows[:, order]]), mode="r", check_finite=False)[0][: len(order)]
