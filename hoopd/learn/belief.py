@@ -19,6 +19,7 @@ LOOKED_FOR_NATS = 4.0
 # What is believed less than so is not drawn or listed.
 LEAST_SHOWN = 0.01
 MOST_SHOWN = 6
+UNPROVEN = ("weak", "untested", "not_confirmed")
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class Belief:
 
     `laws`: findings, the strongest first; `probability`: of the least sure of them among the laws that are known, or of
     nothing being missing; `unknown`: of a law that nobody knows; `open`: why it is not settled, in sentences; `shares`:
-    probabilities by name as the diagnosis tells them, the largest first.
+    probabilities by name as the diagnosis tells them, the largest first; `unproven`: laws that no fresh
+    data confirm.
     """
 
     laws: tuple[str, ...]
@@ -35,6 +37,12 @@ class Belief:
     unknown: float
     open: tuple[str, ...]
     shares: tuple[tuple[str, float], ...]
+    unproven: tuple[str, ...] = ()
+
+    @property
+    def lacks_proof_alone(self) -> bool:
+        """Whether everything that is named is sure, and data that were not fitted have not confirmed it yet."""
+        return bool(self.unproven) and len(self.open) == len(self.unproven)
 
     @property
     def settled(self) -> bool:
@@ -61,7 +69,8 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int) -> Belief:
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
     sure = min(_among_known(one.probability or 0.0, _share_of_none(one, unknown)) for one in diagnosis.effects)
     found = tuple(one.name for one in diagnosis.effects)
-    return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence), _shown(shares))
+    unproven = tuple(one.name for one in diagnosis.effects if one.status in UNPROVEN and not one.is_unknown)
+    return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence), _shown(shares), unproven)
 
 
 def _nearly_seen(diagnosis: Diagnosis) -> list[tuple[str, float]]:
@@ -90,7 +99,7 @@ def _open(diagnosis: Diagnosis, unknown: float, confidence: float) -> tuple[str,
             sentences.append(f"{one.name} has no law yet")
             continue
         sentences += _unsure(one.name, _among_known(one.probability or 0.0, unknown), confidence)
-        if one.status in ("weak", "untested", "not_confirmed"):
+        if one.status in UNPROVEN:
             sentences.append(f"{one.name} is {one.status.replace('_', ' ')}")
     if diagnosis.unexplained is not None and diagnosis.unexplained.fires:
         sentences.append(f"something without a name acts at {diagnosis.unexplained.slot}")

@@ -143,7 +143,8 @@ class Campaign:
             chosen: ChosenRun = read_json(files.choice, ChosenRun)
             return chosen
         played = [one.choice.words for one in runs]
-        choice = next_choice(runs[-1].diagnosis, runs[-1].belief, played) if runs else first()
+        shown_by = {name: one.choice.words for one in reversed(runs) for name in one.belief.laws}
+        choice = next_choice(runs[-1].diagnosis, runs[-1].belief, played, shown_by) if runs else first()
         if choice is not None:
             self.decide(files, choice)
         return choice

@@ -6,8 +6,9 @@ Rules of this file: a choice is the words of `hoopd experiment`; sizes and limit
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS
@@ -22,6 +23,8 @@ MENU = (
     ("prbs", "--clock", "4"),
     ("decay", "--rest", "6"),
 )
+# A law is told again by what has told it; what does not confirm it so often will not.
+MOST_PROOFS = 2
 # Options of a proposal that say where to play it: the campaign knows.
 _PLACES = frozenset({"--sim"})
 _SETTINGS = frozenset({"--seed", "--set", "--config"})
@@ -41,19 +44,37 @@ def first() -> ChosenRun:
     return ChosenRun(MENU[0], "nothing is known yet: a fast two-level signal has most of what moves both")
 
 
-def next_choice(diagnosis: Diagnosis, belief: Belief, played: Sequence[tuple[str, ...]]) -> ChosenRun | None:
+def next_choice(
+    diagnosis: Diagnosis,
+    belief: Belief,
+    played: Sequence[tuple[str, ...]],
+    shown_by: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+) -> ChosenRun | None:
     """The run that is recorded next; None where no signal inside the limits would tell more.
 
-    `played`: the words of the runs that there are.
+    `played`: the words of the runs that there are; `shown_by`: of the run after which a law was named first.
     """
     proposed = _proposed(diagnosis)
     if proposed is not None and (proposed.expected_nats or 0.0) >= NOT_EXCLUDED_NATS:
         return proposed
+    if (proof := _proof(belief, played, shown_by)) is not None:
+        return proof
     other = next((words for words in MENU if words not in played), None)
     if other is not None:
         return ChosenRun(other, f"{_because(belief)}; this signal has not been played yet")
     weak = proposed is not None and (proposed.expected_nats or 0.0) > 0.0
     return proposed if weak and _times(proposed, played) < 2 else None
+
+
+def _proof(
+    belief: Belief, played: Sequence[tuple[str, ...]], shown_by: Mapping[str, tuple[str, ...]]
+) -> ChosenRun | None:
+    """For a law that is sure and lacks fresh data that confirm it: what has shown it shows it again."""
+    words = shown_by.get(belief.unproven[0]) if belief.lacks_proof_alone else None
+    if words is None or list(played).count(words) > MOST_PROOFS:
+        return None
+    reason = f"{belief.unproven[0]} is named and not confirmed: the signal that showed it, on data that nobody fitted"
+    return ChosenRun(words, reason)
 
 
 def _because(belief: Belief) -> str:

@@ -74,3 +74,18 @@ def test_a_proposal_that_brings_nothing_leaves_it_to_the_menu_and_then_it_ends()
     last = next_choice(diagnosis, belief, played)
     assert last is not None and last.words == words
     assert next_choice(diagnosis, belief, [*played, words, words]) is None
+
+
+def test_a_law_that_lacks_proof_alone_is_shown_again_by_what_has_shown_it() -> None:
+    diagnosis = said(0.92, "untested", next_experiment=proposal(0.1))
+    belief, prbs = belief_of(diagnosis, 0.95, 1), ("prbs", "--clock", "4")
+    choice = next_choice(diagnosis, belief, [prbs], {"hoop.coulomb_friction": prbs})
+    assert choice is not None and choice.words == prbs and "not confirmed" in choice.reason
+    # what tells rivals apart comes first, what is not sure yet is another question, and in the end the menu goes on
+    better = said(0.92, "untested", next_experiment=proposal(40.0))
+    assert next_choice(better, belief, [prbs], {"hoop.coulomb_friction": prbs}).words[0] == "multisine"  # type: ignore[union-attr]
+    doubtful = said(0.6, "untested")
+    found = next_choice(doubtful, belief_of(doubtful, 0.95, 1), [prbs], {"hoop.coulomb_friction": prbs})
+    assert found is not None and found.words == MENU[0]
+    last = next_choice(diagnosis, belief, [prbs, prbs, prbs], {"hoop.coulomb_friction": prbs})
+    assert last is not None and last.words == MENU[0]
