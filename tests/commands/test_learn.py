@@ -204,7 +204,7 @@ def test_times_have_units() -> None:
 
 @pytest.mark.timeout(600)
 def test_killed_at_random_moments_it_leaves_the_drive_off_loses_nothing_and_goes_on(tmp_path: Path) -> None:
-    killed = run_killed(tmp_path, kills=3, seed=3)
+    killed = run_killed(tmp_path, kills=3, seed=3, compared=False)
     assert len(killed.met) == 3 and killed.wrong == (), killed
 
 
