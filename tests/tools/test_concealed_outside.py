@@ -16,7 +16,7 @@ sys.path.append(str(ROOT / "tools"))
 from concealed import cases, control, forces, nats, plant, recipes, simulate, sizing  # noqa: E402
 from concealed.batch import Column, columns_of, scale_inputs  # noqa: E402
 from concealed.effects import ALL, OUTSIDE  # noqa: E402
-from concealed.families import FAMILIES, GRADES, USUAL  # noqa: E402
+from concealed.families import FAMILIES, USUAL  # noqa: E402
 from concealed.outside import bodies, contact, drive, friction, mechanisms, sensing  # noqa: E402
 from concealed.recipes import Recipe, Wish, draw  # noqa: E402
 from concealed.sensors import Noise  # noqa: E402
@@ -26,6 +26,9 @@ LOSSLESS = {key: np.array([0.0 if key in ("bb", "bh") else value]) for key, valu
 H = 5e-4
 LOSSY = ("dahl", "eddy_brake", "running_in", "dwell", "ratchet", "bearing_load", "bouc_wen")
 CONSERVATIVE = ("flat_spot", "magnet", "rim_magnets", "wobble")
+
+# Nats of the usual grades.
+STEPS = [(5.0, 15.0), (15.0, 45.0), (45.0, 134.0), (134.0, 400.0)]
 
 
 def moment(
@@ -286,10 +289,12 @@ def test_every_kind_is_told_and_graded() -> None:
     assert {name for name in OUTSIDE if ALL[name].law.memory} >= set(mechanisms._STATES)
     made = FAMILIES["outside"](4, np.random.default_rng(0))
     for name in OUTSIDE:
-        assert sorted(wish.nats for wish in made if wish.effects == (name,)) == list(GRADES)
+        assert sorted(wish.nats for wish in made if wish.effects == (name,)) == STEPS
     assert "outside" not in USUAL
     # one case a kind, too, has every grade
-    assert {wish.nats for wish in FAMILIES["outside"](1, np.random.default_rng(0))} == set(GRADES)
+    assert {wish.nats for wish in FAMILIES["outside"](1, np.random.default_rng(0))} == set(STEPS)
+    larger = FAMILIES["outside"](4, np.random.default_rng(0), nats=(40.0, 400.0))
+    assert {wish.nats for wish in larger} == {(40.0, 71.0), (71.0, 126.0), (126.0, 225.0), (225.0, 400.0)}
 
 
 def test_every_kind_stands_on_its_page() -> None:

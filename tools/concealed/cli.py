@@ -21,7 +21,7 @@ from typing import NoReturn
 from rich.console import Console
 
 from concealed.effects import ALL
-from concealed.families import FAMILIES, USUAL
+from concealed.families import FAMILIES, OUTSIDE_NATS, USUAL
 from concealed.runfolder import Asked, FolderError, RunFolder
 from concealed.seeds import is_tuning, score_seed
 
@@ -128,7 +128,10 @@ def asked(options: argparse.Namespace, seed: int) -> Asked:
     if strange := set(options.only) - set(ALL):
         refuse(f"no effect {', '.join(sorted(strange))}")
     library_only = getattr(options, "library_only", False)
-    return Asked(seed=seed, families=families, only=options.only, library_only=library_only, **counts)
+    return Asked(
+        seed=seed, families=families, only=options.only, library_only=library_only, outside_nats=options.outside_nats,
+        **counts,
+    )  # fmt: skip
 
 
 def refuse(reason: str) -> NoReturn:
@@ -146,11 +149,21 @@ def _counts(parser: argparse.ArgumentParser, family: str, usual: Mapping[str, in
         parser.add_argument(f"--{name}", type=int, help="cases")
     parser.add_argument("--left-out", type=int, help="cases an effect of --family left_out: the library lacks it")
     parser.add_argument("--outside", type=int, help="cases a kind of --family outside: physics that no library has")
+    parser.add_argument(
+        "--outside-nats", type=_range, default=OUTSIDE_NATS, metavar="LOW:HIGH", help="their sizes in nats (5:400)"
+    )
     parser.add_argument("--only", type=_names, default=(), help="comma-separated effects; cases without effects stay")
 
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(text.split(","))
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, high = (float(one) for one in text.split(":"))
+    if not 0.0 < low < high:
+        raise argparse.ArgumentTypeError(f"{text}: LOW:HIGH with 0 < LOW < HIGH")
+    return low, high
 
 
 def _tuning_seed(text: str) -> int:

@@ -6,6 +6,7 @@ Rules of this file: a family is a list of wishes; closed loop crosses all of the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from concealed.effects import ALL, OUTSIDE, SINGLES, UNKNOWN
 from concealed.recipes import Wish
 
 CLOSED_SHARE = 0.2
-# Nats of what is outside the library: 5 to 400 in four equal steps of their logarithm.
-GRADES = ((5.0, 15.0), (15.0, 45.0), (45.0, 134.0), (134.0, 400.0))
+# Nats of what is outside the library, from and to, drawn in so many equal steps of their logarithm.
+OUTSIDE_NATS = (5.0, 400.0)
+GRADES = 4
 # Effects that two-level inputs hide: they are confounded cases then, not singles.
 _PAIRS: tuple[tuple[tuple[str, ...], dict[str, bool]], ...] = (
     (("ball.coulomb_friction",), {"small": True}),
@@ -76,16 +78,18 @@ def left_out(per_effect: int, rng: np.random.Generator) -> list[Wish]:
     return [Wish("left_out", (name,), closed=_closed(rng)) for name in STRANGERS for _ in range(per_effect)]
 
 
-def outside(per_kind: int, rng: np.random.Generator) -> list[Wish]:
-    """Mechanisms outside the library, their sizes spread evenly over GRADES whatever the number of cases a kind."""
+def outside(per_kind: int, rng: np.random.Generator, nats: tuple[float, float] = OUTSIDE_NATS) -> list[Wish]:
+    """Mechanisms outside the library, their sizes spread evenly over the grades whatever the number of cases a kind."""
+    steps = [float(round(one)) for one in np.geomspace(*nats, GRADES + 1)]
+    grades = list(pairwise(steps))
     return [
-        Wish("outside", (name,), closed=_closed(rng), nats=GRADES[(kind + case) % len(GRADES)])
+        Wish("outside", (name,), closed=_closed(rng), nats=grades[(kind + case) % GRADES])
         for kind, name in enumerate(OUTSIDE)
         for case in range(per_kind)
     ]
 
 
-FAMILIES: Mapping[str, Callable[[int, np.random.Generator], list[Wish]]] = {
+FAMILIES: Mapping[str, Callable[..., list[Wish]]] = {
     "single": singles,
     "null": nulls,
     "decoy": decoys,

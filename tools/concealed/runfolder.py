@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from concealed import cases
 from concealed.cases import Case
-from concealed.families import FAMILIES
+from concealed.families import FAMILIES, OUTSIDE_NATS
 from concealed.recipes import Wish, numbered
 from concealed.whole import put
 
@@ -36,6 +37,7 @@ class Asked:
     families: tuple[str, ...]
     left_out: int = 0
     outside: int = 0
+    outside_nats: tuple[float, float] = OUTSIDE_NATS
     only: tuple[str, ...] = ()  # effects: other cases with an effect are left away
     library_only: bool = False  # `hoopd diagnose` is asked without the grammar
 
@@ -45,7 +47,8 @@ class Asked:
                   "compound": self.compounds, "unknown": self.unknown, "left_out": self.left_out,
                   "outside": self.outside}  # fmt: skip
         rng = np.random.default_rng([self.seed, 1])
-        found = numbered([wish for family, make in FAMILIES.items() for wish in make(counts[family], rng)])
+        makers = {**FAMILIES, "outside": partial(FAMILIES["outside"], nats=self.outside_nats)}
+        found = numbered([wish for family, make in makers.items() for wish in make(counts[family], rng)])
         return [wish for family in self.families for wish in found if wish.family == family and self._wanted(wish)]
 
     def _wanted(self, wish: Wish) -> bool:
@@ -67,7 +70,7 @@ class RunFolder:
         if not self._started():
             raise FolderError(f"{self.path}: no run.json, so there is no run in this folder")
         stored = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
-        lists = {name: tuple(stored[name]) for name in ("families", "only") if name in stored}
+        lists = {name: tuple(stored[name]) for name in ("families", "only", "outside_nats") if name in stored}
         return Asked(**{**stored, **lists})
 
     def start(self, asked: Asked) -> None:
