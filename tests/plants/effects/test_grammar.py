@@ -296,3 +296,12 @@ def test_every_law_of_every_place_is_told_in_a_sentence_and_no_letter_stands_for
         assert not re.search(r"(force|torque|reading|factor) that (friction|play)\b|smaller it is: the", said), said
         if "phi" in {p.name for p in one.effect.parameters}:
             assert "phi" not in one.axis.text, one.formula
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_every_law_says_what_recording_shows_it(plant: str) -> None:
+    every = {one.name: one.effect.best_experiment for one in mechanisms(plant_named(plant)).values()}
+    assert all(every.values())
+    if plant == "pendulum":
+        well = every["body.well_of_alpha_on_backward_dalpha"]
+        assert well == "alpha and the speed of alpha over all that they can be"

@@ -203,9 +203,19 @@ class Mechanism:
             statement=self.sentence,
             sign="A >= 0: it takes energy away" if self.dissipates else "either sign",
             write_back="feed forward the formula where its variable is known; the estimator knows it",
+            best_experiment=self._best_experiment,
             formula=self.formula,
             cost_nats=0.0 if self.textbook else NATS_A_CONSTANT * len(self.constants),
         )
+
+    @property
+    def _best_experiment(self) -> str:
+        """What shows the law: all values of what it follows, or a long run."""
+        each = [one for one in (self.axis, self.factor, self.dry) if one is not None]
+        if any(one.kind == TIME for one in each):
+            return "a long run with the same signal again and again"
+        words = list(dict.fromkeys(one.words for one in each))
+        return f"{' and '.join(words)} over all that {'they' if len(words) > 1 else 'it'} can be"
 
     def effect_near(self, tried: Sequence[Mapping[str, float]]) -> Effect:
         """As an effect whose constants lie about those that a screen of some recordings has tried."""
