@@ -39,6 +39,7 @@ from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
+from hoopd.diagnose.proof.large_disturbance import LargeDisturbance, large_disturbance
 from hoopd.diagnose.proof.late_sensors import late_sentences
 from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
@@ -188,21 +189,27 @@ def _diagnosed(case: Case) -> Outcome:
     stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds))
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
+    large = _large(case, named, data) if not effects and unknown is None else None
+    if large is not None:
+        effects = [large.finding()]
     if unknown is not None:
         effects = sorted(
             [*effects, unknown_finding(unknown, fits, said)],
             key=lambda e: -(e.evidence.log_likelihood_gain or 0.0),
         )
     effects = told(effects, stand)
-    verdict = verdict_of(named, effects, unknown, threshold)
+    shares = stand.candidates if large is None else large.shares(stand.candidates)
+    verdict = verdict_of(named, effects, unknown if large is None else large, threshold)
+    power = visible(named, case.library, threshold)
+    place = location_of(named, missing.base, unknown, verdict, () if large is not None else effects)
     diagnosis = Diagnosis(
         schema=SCHEMA,
         verdict=verdict,
         base=base_of(case.model, named, said.kept),
-        location=location_of(named, missing.base, unknown, verdict, effects),
+        location=place if large is None else large.location(place.evidence),
         effects=effects,
         fit=table,
-        unexplained=unexplained_of(unknown, stand),
+        unexplained=unexplained_of(unknown, stand) if large is None else large.unexplained(),
         next_experiment=_played_where_recorded(next_experiment(named, apart, library, case.seed), case),
         data_quality=quality_of(
             [*case.train, *case.heldout],
@@ -218,10 +225,10 @@ def _diagnosed(case: Case) -> Outcome:
             ],
         ),
         seed=case.seed,
-        candidates=candidates_of(named, threshold, beside_faults(stand.candidates, faults_of(effects, faults))),
+        candidates=candidates_of(named, threshold, beside_faults(shares, faults_of(effects, faults))),
         refused=refused,
         remains=remains_of(stand),
-        power=visible(named, case.library, threshold),
+        power={name: one for name, one in power.items() if large is None or name not in large.laws},
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
     return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress)
@@ -232,6 +239,12 @@ def _played_where_recorded(planned: NextExperiment | None, case: Case) -> NextEx
     if planned is None or not planned.command or not all(one.recording.rig for one in case.train):
         return planned
     return msgspec.structs.replace(planned, command=f"{planned.command} --sim")
+
+
+def _large(case: Case, named: Named, data: CountedData) -> LargeDisturbance | None:
+    """What acts beyond the usual where nothing was found."""
+    case.progress("disturbances beyond the usual")
+    return large_disturbance(named, Judge(data.kept, case.library, case.settings))
 
 
 def _mechanisms(case: Case, data: CountedData) -> list[Mechanism]:

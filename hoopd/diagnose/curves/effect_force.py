@@ -11,7 +11,7 @@ Rules of this file: numbers from fits, nothing fitted anew; no name of an effect
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Variable:
-    """What a missing force may follow: values (n,) at its instants, in one turn where it is a turning angle."""
+    """What a missing force may follow: values (n,) at its instants, in one turn if it is an angle that turned round."""
 
     name: str
     unit: str
@@ -192,8 +192,14 @@ def _variable(plant: Plant, name: str, value: Array) -> Variable:
         return Variable(name, entered, value)
     if name not in plant.coordinates:
         return Variable(name, state_unit(plant, name), value)
-    turning = turns(plant, name)
-    return Variable(name, units(plant).coordinate, np.mod(value, 2 * np.pi) if turning else value, turning)
+    return Variable(name, units(plant).coordinate, value, turns(plant, name))
+
+
+def _in_a_turn(whole: Variable) -> Variable:
+    """An angle that turned round comes back after a turn; one that swings about a place stays as it is."""
+    if not whole.turning or np.nanmax(whole.value) - np.nanmin(whole.value) < 2 * np.pi:
+        return replace(whole, turning=False)
+    return replace(whole, value=np.mod(whole.value, 2 * np.pi))
 
 
 def _joined(parts: Sequence[MissingForceSamples]) -> MissingForceSamples:
@@ -204,7 +210,7 @@ def _joined(parts: Sequence[MissingForceSamples]) -> MissingForceSamples:
 
     first = parts[0]
     variables = tuple(
-        Variable(one.name, one.unit, chained([part.variables[i].value for part in parts]), one.turning)
+        _in_a_turn(replace(one, value=chained([part.variables[i].value for part in parts])))
         for i, one in enumerate(first.variables)
     )
     t, value, law = (chained([getattr(part, name) for part in parts]) for name in ("t_s", "value", "law"))

@@ -33,10 +33,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "parameters":
         return _parameters_sentence(diagnosis)
     if diagnosis.verdict == "unknown_physics":
+        if lawless(diagnosis):
+            return f"Something acts that the model leaves out: {safe(diagnosis.effects[0].statement)}."
         known = [one for one in kept(diagnosis) if not one.is_unknown]
         beside = f" beside {_names(known)}" if known else ""
         return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}."
     return _missing_sentence(diagnosis)
+
+
+def lawless(diagnosis: Diagnosis) -> bool:
+    """Whether a disturbance far beyond the usual is all that was found."""
+    rest = diagnosis.unexplained
+    return rest is not None and rest.fires and rest.curve is None and any(one.is_unknown for one in diagnosis.effects)
 
 
 def _parameters_sentence(diagnosis: Diagnosis) -> str:
@@ -174,7 +182,8 @@ def certainty_sentence(diagnosis: Diagnosis) -> str:
         none = none_of_them(diagnosis)
         other = "" if none is None else f"; that one of them is no known law at all: {chance(none)}"
         each = "; ".join(map(_certainty, told))
-        return f"How sure that something acts there, and that it is this very law: {each}{other}."
+        law = "" if lawless(diagnosis) else ", and that it is this very law"
+        return f"How sure that something acts there{law}: {each}{other}."
     tried = [(one.log_likelihood_gain, one.needed, one.name) for one in diagnosis.candidates]
     known = [(gain / needed, gain, needed, name) for gain, needed, name in tried if gain is not None and needed]
     sure = _nothing_is_missing(diagnosis)
@@ -262,6 +271,8 @@ def _recording(planned: NextExperiment | None) -> str:
 
 def words_of_remains(diagnosis: Diagnosis) -> str:
     """What recording would show the law of what has no name."""
+    if lawless(diagnosis):
+        return "record the same once more, and again at other speeds (a law comes back, chance does not)"
     rest = diagnosis.unexplained
     follows = [rest.curve.regressor] if rest is not None and rest.curve is not None else diagnosis.location.depends_on
     return f"record {listed(follows)} over all that it can be" if follows else ""

@@ -7,7 +7,7 @@ at all, which the gain over what chance reaches tells, and which law it follows,
 from __future__ import annotations
 
 from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
-from hoopd.diagnose.report.headline import MOST_TOLD, kept, verdict_sentence
+from hoopd.diagnose.report.headline import MOST_TOLD, kept, lawless, verdict_sentence
 from hoopd.diagnose.report.sentences import LEAST_LIKELY
 from hoopd.plots.number_format import chance, listed, safe
 
@@ -31,6 +31,9 @@ def plain_sentence(diagnosis: Diagnosis) -> str:
 def _sentence(effect: EffectFinding, diagnosis: Diagnosis) -> str:
     place = safe(effect.name.partition(".")[2] if effect.is_unknown else effect.slot)
     there = f"Something is {_sure(effect)} missing at the {place}"
+    if effect.is_unknown and lawless(diagnosis):
+        near = f"{safe(effect.nearest)} would describe it best" if effect.nearest else "no known law describes it"
+        return f"{there}; {near}, and no law is proven."
     if effect.is_unknown:
         return f"{there}; no known law describes it."
     name, law = safe(effect.name), effect.probability

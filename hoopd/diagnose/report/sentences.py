@@ -81,7 +81,7 @@ def _when(location: Location, window_s: Number) -> str:
 def unexplained_sentence(diagnosis: Diagnosis) -> str:
     """What the library has no name for; empty when nothing is left."""
     rest = diagnosis.unexplained
-    if rest is None or not rest.fires:
+    if rest is None or not rest.fires or (rest.curve is None and rest.share is None):
         return ""
     part = f"{share(rest.share)} of what the re-fitted base leaves unexplained" if rest.share is not None else "A part"
     where = f" in slot {rest.slot}" if rest.slot else ""

@@ -52,6 +52,7 @@ class HypothesisFit:
     steps: int = 0
     widths: dict[str, float] = field(default_factory=dict)  # halves of 95 % intervals, once they were asked for
     curvatures: dict[str, Array] = field(default_factory=dict)  # of the noise levels, by recording (`noise_tuning`)
+    most_force: Mapping[str, Array] = field(default_factory=dict)  # by recording, disturbances (nq,) that it is held to
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,9 +79,11 @@ def fit(
     free: Sequence[str] | None = None,
     tune_noise: bool = True,
     move: bool = True,
+    most_force: Mapping[str, Array] | None = None,
 ) -> HypothesisFit:
     """The hypothesis fitted from `values`; `like`: a fit of the same stretches whose trajectory is taken over;
-    `move=False`: the free parameters stay where they are, trajectory and noise are fitted."""
+    `move=False`: the free parameters stay where they are, trajectory and noise are fitted; `most_force`: by recording,
+    disturbances (nq,) that are not to be exceeded (those of `like`)."""
     tracks = [Track(one, effects) for one in stretches]
     if like is not None:
         tracks = [new.like(old) for new, old in zip(tracks, like.tracks, strict=True)]
@@ -92,6 +95,7 @@ def fit(
     # what belongs to one recording stays there, fitted or not
     start.update({name: value for name, value in values.items() if plain(name) in start})
     found = HypothesisFit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
+    found.most_force = dict(most_force or (like.most_force if like is not None else {}))
     if like is not None:
         found.curvatures = dict(like.curvatures)
         for new, old in zip(tracks, like.tracks, strict=True):
@@ -287,5 +291,6 @@ def tuned_noise(found: HypothesisFit, *, near: bool = False) -> None:
         found.noise[recording], found.curvatures[recording] = tuned(
             criteria, found.noise[recording], first[recording],
             near=near, slower=slower, curvature=found.curvatures.get(recording),
+            most=found.most_force.get(recording),
         )  # fmt: skip
     _whiten(found)

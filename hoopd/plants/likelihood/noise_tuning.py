@@ -53,16 +53,19 @@ def tuned(
     near: bool = False,
     slower: float = 1.0,
     curvature: Array | None = None,
+    most: Array | None = None,
 ) -> Tuning:
     """Levels of highest likelihood for all criteria together, from `start`, within the bounds about a first guess.
 
     `near`: the start is close to them already; otherwise a part of the data brings it there. `slower`: times of the
     plant's motion over usual ones. `curvature`: what an earlier search of the same data has come to; told in logarithms
-    it hardly depends on the levels, so that one that is near needs no new one.
+    it hardly depends on the levels, so that one that is near needs no new one. `most`: disturbances (nq,) that are not
+    to be exceeded.
     """
     nq = len(start.force)
+    largest = first.force * FORCE_FACTOR if most is None else most
     low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0] * slower] * nq, *first.reading * READING_FACTOR[0]])
-    high = np.log([*first.force * FORCE_FACTOR, *[TIMES_S[1] * slower] * nq, *first.reading * READING_FACTOR[1]])
+    high = np.log([*largest, *[TIMES_S[1] * slower] * nq, *first.reading * READING_FACTOR[1]])
     begin = np.clip(np.log(np.concatenate(start)), low, high)
     if curvature is None or not near:
         begin, curvature = _by_parts(criteria, begin, (low, high), near=near)
