@@ -169,7 +169,12 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
     open_names = [name for one in effects for name in (*one.not_excluded, *(other.name for other in one.alternatives))]
     body = table(tables.alternatives(diagnosis))
     if effects and not body:
-        body = paragraph("Nothing else in the library explains the recordings nearly as well.")
+        free = "As long as a disturbance may be anything, no law of the library explains the recordings better."
+        body = paragraph(
+            free
+            if headline.lawless(diagnosis)
+            else "Nothing else in the library explains the recordings nearly as well."
+        )
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
         drawn = figures.draw_candidates(diagnosis.candidates, effects, open_names)
         caption = (
