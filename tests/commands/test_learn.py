@@ -202,7 +202,7 @@ def test_times_have_units() -> None:
     assert [seconds_of(text) for text in ("10min", "90s", "1.5h", "600")] == [600.0, 90.0, 5400.0, 600.0]
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_killed_at_random_moments_it_leaves_the_drive_off_loses_nothing_and_goes_on(tmp_path: Path) -> None:
     killed = run_killed(tmp_path, kills=3, seed=3, compared=False)
     assert len(killed.met) == 3 and killed.wrong == (), killed

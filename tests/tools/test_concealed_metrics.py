@@ -38,6 +38,7 @@ def said(verdict: str, *names: str, **parameters: dict[str, Any]) -> dict[str, A
 def test_clopper_pearson_is_exact() -> None:
     # no hit in n: 1 - 0.025^(1/n); all hits: 0.025^(1/n)
     assert proportions.clopper_pearson(0, 60) == pytest.approx([0.0, 1 - 0.025 ** (1 / 60)])
+    assert proportions.shown([True] * 3 + [False]) == "3/4 (19 to 99 %)" and proportions.shown([]) == "-"
     assert proportions.clopper_pearson(10, 10) == pytest.approx([0.025**0.1, 1.0])
     assert proportions.clopper_pearson(5, 20) == pytest.approx([0.0866, 0.4910], abs=1e-4)
     assert proportions.rate([])["rate"] is None

@@ -22,6 +22,15 @@ def rate(cases: Iterable[bool]) -> dict[str, Any]:
     return {"k": k, "n": n, "rate": k / n if n else None, "interval": clopper_pearson(k, n)}
 
 
+def shown(cases: Iterable[bool]) -> str:
+    """A share as text with its interval: 3/4 (19 to 99 %); a dash without cases."""
+    told = rate(cases)
+    if told["interval"] is None:
+        return "-"
+    low, high = (100 * one for one in told["interval"])
+    return f"{told['k']}/{told['n']} ({low:.0f} to {high:.0f} %)"
+
+
 def clopper_pearson(k: int, n: int, confidence: float = CONFIDENCE) -> list[float] | None:
     """Exact binomial interval of k hits in n trials."""
     if n == 0:
