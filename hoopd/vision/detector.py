@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.vision.blobs import BlobShape, edge_contact, fit_visible_arc, measure_blob
+from hoopd.vision.shading import evenly_lit_centre
 
 Image = NDArray[np.uint8]
 Contour = NDArray[np.int32]
@@ -113,9 +114,15 @@ class Detector:
         self._shape = (0, 0)
         self._mask: Image | None = None
         self._coarse_mask: Image | None = None
-        self._bgr_matrix = soft_matrix(np.array(settings.weights), np.zeros(3), settings.threshold)
-        self._yuv_matrix = soft_matrix(np.array(settings.weights) @ BGR_FROM_YUV, YUV_OFFSET, settings.threshold)
-        self._matrix = self._bgr_matrix
+        weights, yuv_weights = np.array(settings.weights), np.array(settings.weights) @ BGR_FROM_YUV
+        # soft for where the ball is, level for its centre
+        self._bgr_matrices = (
+            soft_matrix(weights, np.zeros(3), settings.threshold), level_matrix(weights, np.zeros(3)),
+        )  # fmt: skip
+        self._yuv_matrices = (
+            soft_matrix(yuv_weights, YUV_OFFSET, settings.threshold), level_matrix(yuv_weights, YUV_OFFSET),
+        )  # fmt: skip
+        self._matrix, self._level_matrix = self._bgr_matrices
         self.reset()
 
     def reset(self) -> None:
@@ -127,7 +134,7 @@ class Detector:
         """The ball in a height x width x 3 picture (uint8, blue green red), or None."""
         if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
             raise ValueError("the picture must be height x width x 3 of uint8")
-        self._matrix = self._bgr_matrix
+        self._matrix, self._level_matrix = self._bgr_matrices
         self._prepare((bgr.shape[0], bgr.shape[1]))
 
         def crop(x0: int, y0: int, x1: int, y1: int) -> Image:
@@ -138,7 +145,7 @@ class Detector:
     def detect_i420(self, yuv: Image, width: int, height: int, stride: int) -> Detection | None:
         """The ball in a raw I420 buffer (flat uint8, chroma stride is stride // 2); only the window is converted."""
         luma, u, v = i420_planes(yuv, width, height, stride)
-        self._matrix = self._yuv_matrix
+        self._matrix, self._level_matrix = self._yuv_matrices
         self._prepare((height, width))
 
         def crop(x0: int, y0: int, x1: int, y1: int) -> Image:
@@ -220,7 +227,8 @@ class Detector:
     def _blobs(self, crop: Crop, x0: int, y0: int, x1: int, y1: int) -> list[Blob]:
         """Blobs above the threshold inside one window, measured."""
         # a 3 x 3 mean takes two thirds of the camera's noise away and moves no centre
-        soft: Any = cv2.transform(cv2.blur(crop(x0, y0, x1, y1), (3, 3)), self._matrix)
+        smooth = cv2.blur(crop(x0, y0, x1, y1), (3, 3))
+        soft: Any = cv2.transform(smooth, self._matrix)
         if self._mask is not None:
             cv2.bitwise_and(soft, self._mask[y0:y1, x0:x1], dst=soft)
         binary = cv2.threshold(soft, 127, 255, cv2.THRESH_BINARY)[1]
@@ -228,14 +236,18 @@ class Detector:
         # A blob of less than a quarter of the ball's area is noise or a far too small object.
         least_area = 0.25 * math.pi * self.settings.ball_radius_px**2
         window = (x0, y0, x1, y1)
-        return [self._measure(soft, contour, window) for contour in contours if cv2.contourArea(contour) > least_area]
+        large = [contour for contour in contours if cv2.contourArea(contour) > least_area]
+        level: Any = cv2.transform(smooth, self._level_matrix) if large else soft
+        return [self._measure(soft, level, contour, window) for contour in large]
 
-    def _measure(self, soft: Image, contour: Contour, window: Window) -> Blob:
+    def _measure(self, soft: Image, level: Image, contour: Contour, window: Window) -> Blob:
         """One blob in picture coordinates; a ball cut by the picture's edge is a circle through its visible arc."""
         shape = measure_blob(soft, contour)
         at_window, at_picture = edge_contact(contour, window, self._shape)
         if at_picture and not at_window:
             shape = fit_visible_arc(contour, soft.shape, shape)
+        elif not at_window and (centre := evenly_lit_centre(level, contour)) is not None:
+            shape = shape._replace(x_px=centre[0], y_px=centre[1])
         placed = shape._replace(x_px=shape.x_px + window[0], y_px=shape.y_px + window[1])
         return Blob(placed.x_px, placed.y_px, placed.radius_px, self._confidence(placed), at_window)
 
@@ -284,6 +296,13 @@ def soft_matrix(weights: NDArray[np.float64], offset: NDArray[np.float64], thres
     scale = 255.0 / ((SOFT_HIGH - SOFT_LOW) * threshold)
     bias = -scale * (float(weights @ offset) + SOFT_LOW * threshold)
     return np.array([[*(scale * weights), bias]], np.float32)
+
+
+def level_matrix(weights: NDArray[np.float64], offset: NDArray[np.float64]) -> NDArray[np.float32]:
+    """1 x 4 matrix for cv2.transform: w (p - offset), up to the brightest pixel that there can be."""
+    brightest = 255.0 * float(np.maximum(weights, 0.0).sum())
+    scale = 255.0 / brightest if brightest > 0.0 else 1.0
+    return np.array([[*(scale * weights), -scale * float(weights @ offset)]], np.float32)
 
 
 def ring_mask(shape: tuple[int, int], settings: DetectorSettings) -> Image:

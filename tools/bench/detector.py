@@ -102,7 +102,7 @@ def rig_errors_rad(turns: int = 3, count: int = 240) -> list[dict[str, Any]]:
     """psi error of the shipped analysis on the rig's pictures with default noise, over full turns at set speeds."""
     config = load(None, sim=True, overrides=[])
     scene, rows = Scene(SceneSettings()), []
-    for speed in (0.0, 3.0, 6.0, 10.0):
+    for speed in (0.0, 3.0, 6.0, 10.0, 20.0):
         for form in ("BGR", "I420, stride 512"):
             eye = Analyser(config.vision, config.faults.minimum_confidence)
             errors = []
