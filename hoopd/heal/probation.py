@@ -1,8 +1,9 @@
 """From a word to a version that acts: on trial, weighed, accepted, watched for a while, given up when it fails.
 
     decided -> asked -> trying -> weighing -> accepting -> settling -> watching
-                 |         |          |                        |
-              refused  went back  went back              rolling -> rolled back
+       ^         |         |          |                        |
+       |      refused  went back  went back              rolling -> rolled back
+       +-------- taken back by the daemon, and as good as promised
 
 A trial is the daemon's: it goes back inside the tick, and when nobody says for five seconds that it is watched.
 
@@ -21,8 +22,10 @@ from hoopd.heal.attempt import Attempt
 from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
-# The daemon's guard judges single seconds, in which another reference may cost as much as a bad law.
-TRIES = 2
+# The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
+# is weighed by all of its seconds, and tried so often where these keep the promise; once more where they are too few.
+TRIES_KEPT, TRIES_UNWEIGHED = 4, 2
+LEAST_WEIGHED_S = 5.0
 CLEAR = "clear"
 WATCHED = "watched"  # in a version's evidence: the watch over it is over
 
@@ -32,6 +35,7 @@ class Probation:
 
     def __init__(self, attempt: Attempt) -> None:
         self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
+        self._taken_back = ""  # why the daemon took back what is being weighed
 
     def take_up(self) -> bool:
         """Go on with the watch over a version that acts, where the one before was broken off in it."""
@@ -107,6 +111,8 @@ class Probation:
             hand.end("rolled_back")
         elif fields.get("command") == CONTROLLER:
             return "somebody else changed the controller: begin again with what acts now"
+        elif self._taken_back:
+            self._end_taken_back("somebody else tries another law")
         elif hand.phase in ("settling", "weighing") and not hand.on_trial:
             hand.note(**{WATCHED: True})
             hand.let_go("accepted", "no longer watched: somebody else tries another law")
@@ -129,14 +135,34 @@ class Probation:
         was_on_trial, hand.on_trial = hand.on_trial, False
         if not (was_on_trial or hand.phase == "asked"):
             return
-        tries = int(hand.version.evidence.get("tries", 0)) + 1
-        hand.note(tries=tries)
-        if reason == REVERTED or tries >= TRIES:
-            hand.end("went_back", "" if reason == REVERTED else reason)
+        if reason == REVERTED:
+            hand.end("went_back")
             return
-        hand.keep("proposed", f"the daemon took it back, it is tried once more: {reason}")
+        hand.note(tries=self._tries + 1)
+        hand.keep("proposed", f"the daemon took it back: {reason}")
         hand.watch.acts_since = hand.watch.t
-        hand.enter("decided")
+        self._taken_back = reason
+        if hand.phase == "trying" and hand.passed_s >= ENTER_S + LEAST_WEIGHED_S:
+            self._weigh(hand.since + ENTER_S)
+        elif hand.phase != "weighing":
+            self._try_again(TRIES_UNWEIGHED)
+
+    @property
+    def _tries(self) -> int:
+        """How often the daemon took it back."""
+        return int(self._in_hand.version.evidence.get("tries", 0))
+
+    def _try_again(self, most: int) -> None:
+        if self._tries >= most:
+            self._end_taken_back()
+            return
+        self._taken_back = ""
+        self._in_hand.keep("proposed", "it is tried again")
+        self._in_hand.enter("decided")
+
+    def _end_taken_back(self, why: str = "") -> None:
+        reason, self._taken_back = self._taken_back, ""
+        self._in_hand.end("went_back", f"{reason}; {why}" if why else reason)
 
     def accepted(self) -> None:
         """The daemon tells that it holds what was on trial."""
@@ -163,7 +189,9 @@ class Probation:
         hand = self._in_hand
         bad = verdict(result, hand.version.evidence.get("promise", {}))
         hand.version.evidence.setdefault("rounds", []).append({**result, "bad": bad})
-        if not hand.on_trial:
+        if self._taken_back:
+            self._weighed_back(bad)
+        elif not hand.on_trial:
             self._weighed_round(bad)
         elif bad:
             self.take_back(bad)
@@ -173,7 +201,9 @@ class Probation:
 
     def failed_to_weigh(self, error: str) -> None:
         """A computation came to nothing: what is on trial goes, what acts is weighed in the next round."""
-        if self._in_hand.on_trial:
+        if self._taken_back:
+            self._try_again(TRIES_UNWEIGHED)
+        elif self._in_hand.on_trial:
             self.take_back(error)
         else:
             self._in_hand.enter("settling")
@@ -182,6 +212,13 @@ class Probation:
         """The accepted law again."""
         self._in_hand.order(REVERT)
         self._in_hand.end("went_back", why)
+
+    def _weighed_back(self, bad: str) -> None:
+        """What the daemon took back: bad by all of its seconds, or by one of them alone."""
+        if bad:
+            self._end_taken_back(bad)
+        else:
+            self._try_again(TRIES_KEPT)
 
     def _weighed_round(self, bad: str) -> None:
         hand = self._in_hand

@@ -208,9 +208,41 @@ def test_what_is_weighed_of_a_trial_that_went_back_meanwhile_accepts_nothing(tmp
     daemon.drift()
     daemon.run(200.0, lambda: daemon.healing.phase == "weighing")
     daemon.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
-    daemon.run(COMPUTES_S + 1.0)  # the figures come now
-    assert daemon.names == ["trial", "trial"] and daemon.state() != "accepted"
-    assert daemon.versions.loop().acting == 0 and "rounds" not in daemon.versions.read(1).evidence
+    daemon.run(COMPUTES_S + 1.0)  # the figures come now: they say that it may be tried again, and no more
+    assert daemon.names == ["trial", "trial"] and daemon.state() == "trying"
+    assert daemon.versions.loop().acting == 0
+
+
+def test_what_one_second_of_a_trial_took_back_is_weighed_by_all_of_them(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "good")
+    daemon.drift()
+    for tried in (1, 2, 3):
+        daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+        daemon.run(20.0)
+        daemon.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
+        assert daemon.versions.read(1).evidence["tries"] == tried and daemon.healing.phase == "weighing"
+    daemon.run(200.0, lambda: daemon.state() == "accepted")  # it kept its promise three times
+    assert daemon.names == ["trial"] * 4 + ["accept"]
+    bad = PlayedDaemon(tmp_path / "bad", answers={"weigh": BAD})
+    bad.drift()
+    bad.run(200.0, lambda: bad.healing.phase == "trying")
+    bad.run(20.0)
+    bad.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
+    bad.run(COMPUTES_S + 1.0)
+    assert bad.names == ["trial"] and bad.state() == "went_back"
+    assert "cost 0.1" in bad.versions.read(1).reason and "were promised" in bad.versions.read(1).reason
+
+
+def test_another_s_trial_while_one_that_went_back_is_weighed_accepts_nothing(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+    daemon.run(20.0)
+    daemon.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
+    daemon.healing.note("controller", {"command": "trial", "sha256": "f" * 64})
+    assert daemon.state() == "went_back" and daemon.versions.loop().acting == 0
+    daemon.run(COMPUTES_S + 1.0)
+    assert daemon.state() == "went_back"
 
 
 def test_it_rolls_back_by_itself_when_the_change_goes_away_again(tmp_path: Path) -> None:
