@@ -41,21 +41,20 @@ def test_what_the_rig_s_own_state_says_counts_too() -> None:
 
 def test_the_way_up_is_drawn_with_a_ball_in_the_air_and_on_the_inner_hoop() -> None:
     sys.path.append(str(TOOLS))
-    import up_picture as drawn
+    import maneuver_picture as drawn
 
-    one = drawn.played()
-    assert len(drawn.strip(one)) == len(drawn.SHOWN_S)
-    modes = {t: one.rows[round(t / 0.02)].ball_mode for t in drawn.SHOWN_S}
+    one, times = drawn.played("up"), drawn.SHOWN["up"].times_s
+    assert len(drawn.strip("up", one)) == len(times)
+    modes = {t: one.rows[round(t / 0.02)].ball_mode for t in times}
     assert set(modes.values()) == {"rolling", "air", "inner"} and modes[3.0] == "inner"
-    assert len(drawn.draw(one).axes) == len(drawn.SHOWN_S) + 3
+    assert len(drawn.draw("up", one).axes) == len(times) + 3
 
 
 def test_the_strip_of_pictures_is_of_a_first_attempt() -> None:
     sys.path.append(str(TOOLS))
     import maneuver_picture as drawn
 
-    one = drawn.played()
-    pictures = drawn.strip(one)
-    assert len(pictures) == drawn.PICTURES and 0.0 < pictures[0][0] < pictures[-1][0] < one.trajectory.seconds
-    figure = drawn.draw(one)
-    assert len(figure.axes) == drawn.PICTURES + 2
+    one, times = drawn.played("loop"), drawn.SHOWN["loop"].times_s
+    pictures = drawn.strip("loop", one)
+    assert [t for t, _ in pictures] == list(times) and 0.0 < times[0] < times[-1] < 0.02 * len(one.plan)
+    assert len(drawn.draw("loop", one).axes) == len(times) + 2
