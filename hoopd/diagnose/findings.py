@@ -46,7 +46,7 @@ from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretch_scatter import interval
 
 # Hypotheses that a table of fits has a column for.
-SHOWN = ("nominal", "base", "final", "ceiling")
+SHOWN = ("nominal", "base", "final", "ceiling", "written")
 # Candidates that were not tried on their own are told of when they are this likely.
 LEAST_TOLD = 0.01
 
@@ -309,7 +309,7 @@ def unexplained_of(unknown: Unknown | None, standings: Standings) -> Unexplained
 
 
 def fits_of(fits: Mapping[str, Played]) -> Fits:
-    """NRMSE of nominal, base, final, and the ceiling where it is given, by recording and channel."""
+    """NRMSE of nominal, base, final, and ceiling and what is written where they are given, by recording and channel."""
     figures = {name: _by_recording(one) for name, one in fits.items() if name in SHOWN}
     floors = _floors(fits["final"])
     return {
@@ -319,6 +319,7 @@ def fits_of(fits: Mapping[str, Played]) -> Fits:
                 with_effects=figures["final"][recording].get(channel),
                 noise_floor=floors.get(recording, {}).get(channel),
                 ceiling=figures.get("ceiling", {}).get(recording, {}).get(channel),
+                written=figures.get("written", {}).get(recording, {}).get(channel),
             )
             for channel, value in channels.items()
         }

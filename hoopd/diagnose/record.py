@@ -133,13 +133,15 @@ class EffectFinding(_Part, frozen=True):
 
 
 class Fit(_Part, frozen=True):
-    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: free curves instead of laws."""
+    """NRMSE percent of one channel; `noise_floor`: what noise alone leaves; `ceiling`: free curves instead of laws;
+    `written`: with the findings that a model is written with, where these are others than all that are shown."""
 
     nominal: Number
     base_refit: Number
     with_effects: Number
     noise_floor: Number
     ceiling: Number = None
+    written: Number = None
 
 
 # Recording -> channel -> fit.

@@ -87,6 +87,7 @@ class MissingForce:
     value: Array
     regressors: Sequence[Regressor] = ()
     recording: str = ""
+    reading: bool = False  # a sensor's error, no force
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Rules of this file: it calls the steps in their order and fills the record; noth
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import msgspec
@@ -30,7 +30,7 @@ from hoopd.diagnose.findings import (
 )
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
-from hoopd.diagnose.proof.confirmation import confirmation, less_sure
+from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, less_sure
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.finding_standings import Asked, standings
@@ -114,6 +114,7 @@ class Outcome:
     heldout: Mapping[str, Played]
     unknown: Unknown | None = None
     progress: Progress = lambda text: None
+    large: LargeDisturbance | None = None  # where nothing was found, and something acts
     memory: bytes = b""  # with this diagnosis in it, where there is one
 
     @cached_property
@@ -126,7 +127,8 @@ class Outcome:
         """The curves of the report."""
         each = self.diagnosis.data_quality.recordings
         ignored = {name: one.segments_ignored for name, one in each.items()}
-        return shown_of(self.named, self.heldout, self.unknown, ignored)
+        shown = shown_of(self.named, self.heldout, self.unknown, ignored)
+        return shown if self.large is None else replace(shown, forces=self.large.forces(self.named.base))
 
 
 def last_third(sources: Sequence[Source]) -> tuple[list[Source], list[Source]]:
@@ -174,7 +176,7 @@ def _diagnosed(case: Case) -> Outcome:
     fitted = runs.played({"nominal": named.nominal, "base": named.base, "final": said.final})
     table = FitTable(
         train=fits_of(fitted),
-        heldout=fits_of(said.fits) if fits else {},
+        heldout={},
         window_s=window_of([one.plant for one in data.kept]),
         free_run=free_runs(named.nominal, named.base, said.kept, data_held.kept) if case.free_run else {},
         free_run_choice=_choice(case, named, data, data_held),
@@ -188,6 +190,7 @@ def _diagnosed(case: Case) -> Outcome:
     known = {name: library[name] for name in case.library}
     stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds))
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
+    table = msgspec.structs.replace(table, heldout=fits_of({**said.fits, **_saved(said, runs)}) if fits else {})
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
     large = _large(case, named, data) if not effects and unknown is None else None
     if large is not None:
@@ -231,7 +234,7 @@ def _diagnosed(case: Case) -> Outcome:
         power={name: one for name, one in power.items() if large is None or name not in large.laws},
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
-    return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress)
+    return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress, large)
 
 
 def _played_where_recorded(planned: NextExperiment | None, case: Case) -> NextExperiment | None:
@@ -239,6 +242,12 @@ def _played_where_recorded(planned: NextExperiment | None, case: Case) -> NextEx
     if planned is None or not planned.command or not all(one.recording.rig for one in case.train):
         return planned
     return msgspec.structs.replace(planned, command=f"{planned.command} --sim")
+
+
+def _saved(said: Confirmation, runs: HeldOut) -> dict[str, Played]:
+    """What a model is written with, on the held-out data, where that is not all that is shown."""
+    written = None if set(said.written.names) == set(said.final.names) else runs.played_of(said.written)
+    return {} if written is None else {"written": written}
 
 
 def _large(case: Case, named: Named, data: CountedData) -> LargeDisturbance | None:

@@ -49,7 +49,7 @@ def draw_force(force: MissingForce) -> Figure:
     if names:
         handles, labels = axes[names[0]].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=style.NOTE_PT, frameon=False)
-        axes[names[0]].set_ylabel(_label(force.unit, f"missing in {force.slot}"))
+        axes[names[0]].set_ylabel(_label(force.unit, f"{'error of' if force.reading else 'missing in'} {force.slot}"))
     return figure
 
 

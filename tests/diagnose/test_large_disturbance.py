@@ -50,7 +50,7 @@ def test_one_fall_through_air_is_not_explained_by_free_fall(tmp_path: Path) -> N
     # what a law would take is not called invisible, and the candidates add up with what is told
     assert "body.quadratic_drag" not in found.power
     chances = {one.name: one.probability for one in found.candidates}
-    assert chances[NONE_OF_THESE] == pytest.approx(one.probability)
+    assert (chances[NONE_OF_THESE] or 0.0) > 0.95 and one.probability is None
     assert sum(p for p in chances.values() if p is not None) <= 1.0 + 1e-6 and chances.get(PARAMETERS, 0.0) < 0.1
     for text in (verdict_sentence(found), plain_sentence(found)):
         assert "body.quadratic_drag" in text

@@ -172,14 +172,14 @@ def test_that_none_of_the_known_laws_is_likely_stands_in_the_table_and_so_do_oth
     more = [("none of these", 0.998), ("hoop.dahl", 0.39), ("hoop.small", 0.05), ("parameters", 0.3)]
     likely = [Candidate(name=name, log_likelihood_gain=None, probability=share) for name, share in more]
     told = msgspec.structs.replace(diagnosis, candidates=[*diagnosis.candidates, *likely])
-    assert tables.effects(told).rows[-1] == ("none of the known laws", "-", "-", "-", "-", "-", "> 99 %")
+    assert tables.effects(told).rows[-1] == ("no known law, in a place at least", "-", "-", "-", "-", "-", "> 99 %")
     sentence = words.likely_sentence(told)
     assert sentence.endswith("Others that could stand in one of their places: hoop.dahl (39 %).")
     for text in (printed(told, 120), Page(page(told, Shown())).text):
-        assert "none of the known laws" in text and squeezed(sentence) in squeezed(text)
+        assert "no known law, in a place at least" in text and squeezed(sentence) in squeezed(text)
     for few in (likely[1:], [msgspec.structs.replace(likely[0], probability=0.1)]):
         rows = tables.effects(msgspec.structs.replace(told, candidates=few)).rows
-        assert all(row[0] != "none of the known laws" for row in rows)
+        assert all(row[0] != "no known law, in a place at least" for row in rows)
     assert words.likely_sentence(consistent()[0]) == ""
 
 

@@ -48,6 +48,7 @@ class MissingForceSamples:
     value: Array
     law: Array
     variables: tuple[Variable, ...]
+    reading: bool = False  # an error of a sensor
 
 
 def missing_of(
@@ -129,7 +130,8 @@ def _reading(
     if effect.latency or effect.sensor_lag:
         variables = (_rate_of(along, channel),)
     return MissingForceSamples(
-        new.stretch.recording, unit, new.stretch.t, error[:, column], -loss[:, column], variables
+        new.stretch.recording, unit, new.stretch.t, error[:, column], -loss[:, column], variables,
+        reading=True,
     )  # fmt: skip
 
 
@@ -214,4 +216,4 @@ def _joined(parts: Sequence[MissingForceSamples]) -> MissingForceSamples:
         for i, one in enumerate(first.variables)
     )
     t, value, law = (chained([getattr(part, name) for part in parts]) for name in ("t_s", "value", "law"))
-    return MissingForceSamples(first.recording, first.unit, t, value, law, variables)
+    return MissingForceSamples(first.recording, first.unit, t, value, law, variables, first.reading)

@@ -20,21 +20,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoopd.diagnose.curves.missing_force import missing_force
 from hoopd.diagnose.record import NONE_OF_THESE, EffectFinding, Evidence, Location, Quantity, Unexplained
+from hoopd.diagnose.report_curves import MissingForce
 from hoopd.diagnose.search.bounded_disturbance import FAR_BEYOND, disturbance_unit, far_beyond
-from hoopd.diagnose.search.candidates import Judge
+from hoopd.diagnose.search.candidates import Judge, Tried
 from hoopd.diagnose.search.naming import MOST_REFITS, NOT_EXCLUDED_NATS, Named
 from hoopd.plants.declaration import Plant
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_tuning import first_noise
 from hoopd.plants.likelihood.reference_track import Track
-from hoopd.plots.number_format import listed, share, value_text
+from hoopd.plots.number_format import listed, value_text
 
 # What lasts shorter than so many readings may be their own error.
 FEWEST_READINGS = 4.0
 # A law that takes less than this part of it is not told.
-LEAST_PART, MOST_LAWS = 0.5, 3
+LEAST_PART, WHOLE, MOST_LAWS = 0.5, 0.995, 2
+# Recordings whose disturbance is drawn.
+MOST_DRAWN = 4
 # Slots that a state has beside the one of what moves, and the one where what acts is no law.
 ELSEWHERE, ANYTHING = ("actuator", "sensor", "frame", "push"), "external"
 
@@ -67,13 +71,24 @@ class Size(NamedTuple):
         return next((name for name, one in channels.items() if self.state in (name, one.state)), None)
 
 
+class Law(NamedTuple):
+    """What a law would take of it, were disturbances held to a few times the usual."""
+
+    part: float  # of the nats, 0 to 1
+    sizes: str  # its parameters, in words
+
+    def __str__(self) -> str:
+        whole = "all of it" if self.part >= WHOLE else f"{100.0 * self.part:.0f} %"
+        return f"{whole}{f' with {self.sizes}' if self.sizes else ''}"
+
+
 @dataclass(frozen=True)
 class LargeDisturbance:
     """What acts beyond the usual, the nats by which the recordings ask for it, and what laws would take of them."""
 
     largest: Size
     nats: float
-    laws: Mapping[str, float]  # parts, 0 to 1, largest first
+    laws: Mapping[str, Law]  # largest first
 
     @property
     def name(self) -> str:
@@ -84,6 +99,13 @@ class LargeDisturbance:
     def probability(self) -> float:
         """That more than a few times the usual acts."""
         return float(1.0 / (1.0 + np.exp(-self.nats)))
+
+    def forces(self, base: HypothesisFit) -> list[MissingForce]:
+        """The disturbance over position and rate, recording by recording."""
+        slot, coordinate = self.largest.slot, self.largest.state
+        over = [f"d{coordinate}", coordinate]
+        there = [i for i, track in enumerate(base.tracks) if slot in track.stretch.plant.slots]
+        return [missing_force(base, i, slot, over) for i in there[:MOST_DRAWN]]
 
     def location(self, evidence: Mapping[str, float | None]) -> Location:
         """Where it acts; `evidence`: nats by slot."""
@@ -107,31 +129,29 @@ class LargeDisturbance:
             slot=size.slot,
             parameters={
                 "size": Quantity(value=size.force, unit=size.unit, ci95=None, nominal=size.force / size.times),
-                "time": Quantity(value=size.time_s, unit="s", ci95=None, nominal=None),
+                "duration": Quantity(value=size.time_s, unit="s", ci95=None, nominal=None),
             },
             evidence=Evidence(log_likelihood_gain=self.nats, threshold=NOT_EXCLUDED_NATS, heldout_gain_percent=None),
             not_excluded=[],
             statement=f"a disturbance of {self._size()}, {size.times:.0f} times the usual one, {self._laws_sentence()}",
             nearest=near,
-            explained=self.laws[near] if near else None,
-            probability=self.probability,
+            explained=self.laws[near].part if near else None,
             in_model=False,
         )
 
     def _size(self) -> str:
         size = self.largest
-        return (
-            f"{value_text(Quantity(value=size.force, unit=size.unit, ci95=None, nominal=None))} for {size.time_s:.2g} s"
-        )
+        value = value_text(Quantity(value=size.force, unit=size.unit, ci95=None, nominal=None))
+        return f"{value} that changes within {size.time_s:.2g} s"
 
     def _laws_sentence(self) -> str:
         """What would explain it, and why it is no name."""
         if not self.laws:
-            return "and none of the library's laws would explain it"
-        told = listed(f"{name} ({share(part)})" for name, part in [*self.laws.items()][:MOST_LAWS])
+            return "which none of the library's laws would explain"
+        told = listed((f"{name} ({one})" for name, one in [*self.laws.items()][:MOST_LAWS]), "or")
         return (
-            f"which {told} would explain, were disturbances at most {FAR_BEYOND:g} times the usual; "
-            "as they may be any, the recordings do not prove that it follows a law"
+            f"which {told} would explain if no disturbance is larger than {FAR_BEYOND:g} times the usual; "
+            "a chance push of this size and length would explain it as well, so that no law is proven"
         )
 
     def unexplained(self) -> Unexplained:
@@ -181,9 +201,21 @@ def moved(plant: Plant) -> Sequence[str]:
     return (*plant.coordinates, *plant.first_order)
 
 
-def _laws(held: HypothesisFit, judge: Judge, nats: float) -> dict[str, float]:
+def _laws(held: HypothesisFit, judge: Judge, nats: float) -> dict[str, Law]:
     """Of the library, those that take at least half of it."""
     scores = [one for one in judge.proposals(held, ()) if one.member.effect.slot != ANYTHING]
     tried = [judge.tried(held, one) for one in scores[:MOST_REFITS]]
-    parts = {one.effect.name: min(one.gain / nats, 1.0) for one in tried if one.gain >= LEAST_PART * nats}
-    return dict(sorted(parts.items(), key=lambda one: -one[1]))
+    takes = [one for one in tried if one.gain >= LEAST_PART * nats]
+    # of laws that take as much, to a hundredth, the one with fewer numbers first
+    takes.sort(key=lambda one: (-round(min(one.gain / nats, 1.0), 2), len(one.effect.parameters)))
+    return {one.effect.name: Law(min(one.gain / nats, 1.0), _sizes(one)) for one in takes}
+
+
+def _sizes(tried: Tried) -> str:
+    """Parameters of a law as they were fitted."""
+    known = {
+        p.name: Quantity(value=tried.fit.values[tried.effect.key(p.name)], unit=p.unit, ci95=None, nominal=None)
+        for p in tried.effect.parameters
+        if p.role != "phase" and tried.effect.key(p.name) in tried.fit.values
+    }
+    return listed(f"{name} = {value_text(one)}" for name, one in known.items())

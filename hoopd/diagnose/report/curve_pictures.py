@@ -122,7 +122,7 @@ def force_of(slot: str, label: str, missing: MissingForceSamples) -> MissingForc
         )
         for one in missing.variables
     ]
-    return MissingForce(slot, missing.unit, missing.t_s, missing.value, regressors, missing.recording)
+    return MissingForce(slot, missing.unit, missing.t_s, missing.value, regressors, missing.recording, missing.reading)
 
 
 def _bins(x: Array, y: Array) -> Binned | None:

@@ -20,6 +20,8 @@ TITLES = {
 }
 # A law that is less likely than this is more likely another one.
 SURE = 0.5
+# One that is less likely than this is no more than one of many: the place is told first.
+OPEN = 0.2
 # Two laws that are so many nats apart are told from one another (20 : 1).
 EXCLUDED_NATS = 3.0
 # Points of fit that a figure with one decimal shows.
@@ -97,7 +99,10 @@ def _names(findings: Sequence[EffectFinding]) -> str:
 
 
 def _finding(effect: EffectFinding) -> str:
-    """A name with its first size, why it is doubted, and what cannot be told from it."""
+    """A name with its first size, why it is doubted, and what cannot be told from it; of a law that is hardly the one
+    in its place, the place."""
+    if effect.status != "not_confirmed" and effect.probability is not None and effect.probability < OPEN:
+        return f"something at the {effect.slot} whose law is open ({effect.name}: {doubt(effect)})"
     sizes = [f"{name} = {value_text(one)}" for name, one in effect.parameters.items() if one.value is not None]
     why = [doubt(effect)] if effect.status != "not_confirmed" and doubt(effect) else []
     rivals = [f"{listed(effect.not_excluded)} not excluded"] if effect.not_excluded else []
@@ -132,7 +137,9 @@ def fit_sentence(diagnosis: Diagnosis) -> str:
             whose = "your model" if one["best"] == one.get("your model") else "the re-fitted model"
             lost.setdefault(whose, []).append(f"{name} ({one['last']:.1f} against {one['best']:.1f} %)")
     worse = "".join(f"; worse than {whose}: {listed(names)}" for whose, names in lost.items())
-    return f"Fit of held-out {channel}: {figures} %{worse}."
+    saved = _mean_known([one.written for _, name, one in each_fit(diagnosis.fit.heldout) if name == channel])
+    model = "" if saved is None else f", of the model that --write saves {percent(saved)}"
+    return f"Fit of held-out {channel}: {figures}{model} %{worse}."
 
 
 COLUMNS = ("your model", "re-fitted", "with effects")
@@ -246,14 +253,19 @@ def next_sentence(diagnosis: Diagnosis) -> str:
     again = record or words_of_remains(diagnosis) or "record again, with another signal"
     if not sure:
         return f"Next: {again}, before a model is written."
-    written = [one.name for one in sure if not is_only_told(one)]
-    if not written:
+    written = [one.name for one in kept(diagnosis) if _is_written(one)]
+    if not any(one.name in written for one in sure):
         names = listed(one.name for one in sure)
         return (
             f"Next: {again}; a model that is written (--write FILE.yaml) is without {names} until it simulates better."
         )
     more = f" To be surer, {record}." if record and not _is_told_apart(diagnosis.next_experiment) else ""
     return f"Next: keep the model with {listed(written)} (--write FILE.yaml), and design with it.{more}"
+
+
+def _is_written(effect: EffectFinding) -> bool:
+    """Whether a model that is written has it; of older files, where it is sure."""
+    return not effect.is_unknown and (not doubt(effect) if effect.in_model is None else effect.in_model)
 
 
 def _is_told_apart(planned: NextExperiment | None) -> bool:

@@ -92,7 +92,8 @@ def _where(diagnosis: Diagnosis, shown: Shown) -> str:
     if strips:
         caption = (
             "Of a body: the smoothed disturbance that the re-fitted base needs; of a sensor: what it leaves of the "
-            "readings; each as a multiple of what is usual in the last model. "
+            "readings; each as a multiple of what is usual in the last model. A body is dark, too, where a sensor errs "
+            "that reads it: the model blames the motion. "
             "Hatched: set aside, with no part in the verdict."
         )
         body += drawing(figures.draw_strips(strips), "strips", "Where in time the mismatch sits", caption)
@@ -118,7 +119,8 @@ def _one_force(index: int, force: MissingForce) -> str:
     laws = dict.fromkeys(one.law.label for one in force.regressors if one.law is not None)
     scattered = any(one.law is not None and not one.law.is_curve for one in force.regressors)
     over = listed(one.name for one in force.regressors)
-    title = f"Missing force in slot {force.slot}" + (f" over {over}" if over else "")
+    what = "Error of the readings" if force.reading else "Missing force"
+    title = f"{what} in slot {force.slot}" + (f" over {over}" if over else "")
     drawn = f" In orange: {listed(laws)} with its fitted parameters" if laws else ""
     drawn += ", as dots, because it follows more than one variable." if scattered else "." if laws else ""
     place = f" ({force.recording})" if force.recording else ""

@@ -25,12 +25,15 @@ def summary(diagnosis: Diagnosis) -> str:
 
 def plain_sentence(diagnosis: Diagnosis) -> str:
     """One sentence for each finding that held-out data do not deny; empty without any."""
-    return " ".join(_sentence(one, diagnosis) for one in kept(diagnosis)[:MOST_TOLD])
+    told = kept(diagnosis)[:MOST_TOLD]
+    places = [one.slot for one in told]
+    return " ".join(_sentence(one, diagnosis, places[i] in places[:i]) for i, one in enumerate(told))
 
 
-def _sentence(effect: EffectFinding, diagnosis: Diagnosis) -> str:
+def _sentence(effect: EffectFinding, diagnosis: Diagnosis, again: bool) -> str:
+    """`again`: something was told of this place already."""
     place = safe(effect.name.partition(".")[2] if effect.is_unknown else effect.slot)
-    there = f"Something is {_sure(effect)} missing at the {place}"
+    there = f"Something{' else' if again else ''} is {_sure(effect)} missing at the {place}{', too' if again else ''}"
     if effect.is_unknown and lawless(diagnosis):
         near = f"{safe(effect.nearest)} would describe it best" if effect.nearest else "no known law describes it"
         return f"{there}; {near}, and no law is proven."
@@ -67,4 +70,4 @@ def _rest(effect: EffectFinding, diagnosis: Diagnosis) -> str:
     none = next((value for value, name in likely if name == NONE_OF_THESE), 0.0)
     if none >= LEAST_LIKELY and len(named) == 1:
         rivals.append("a law that is not known here")
-    return f"are mostly {listed(rivals, 'or')}" if rivals else "are shared among other laws at the same place"
+    return f"are mostly {listed(rivals, 'or')}" if rivals else "are shared among other laws that do much the same"

@@ -38,7 +38,7 @@ LIKELY = (
     "Likely: how likely this very law is the one in its place, among all laws that could stand there and none that is "
     "known; that something is missing there at all is told by the nats."
 )
-NONE_IS_LIKELY = " None of the known laws: that what acts in at least one of the places is none of them."
+NONE_IS_LIKELY = " No known law, in a place at least: that in one of the places, or more, what acts is none of them."
 # Times in sentences: to this share of a window; of files that do not tell theirs it is the hoop's.
 OF_A_WINDOW, HOOP_WINDOW_S = 0.05, 2.0
 

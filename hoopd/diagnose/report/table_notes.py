@@ -42,9 +42,12 @@ def columns_sentence(fit: FitTable) -> str:
         return ""
     rows = [one for *_, one in each_fit(fit.heldout)]
     curves = any(one.ceiling is not None for one in rows)
+    saved = any(one.written is not None for one in rows)
     return (
         "Nominal: your model as it is; re-fitted: with its parameters estimated again; + effects: with the findings, "
-        "too; noise floor: what a perfect model would reach"
+        "too; "
+        + ("saved model: with those of them that --write puts into a model; " if saved else "")
+        + "noise floor: what a perfect model would reach"
         + (
             "; free curves: what a free curve over one variable reaches in place of laws, which is no bound."
             if curves

@@ -62,7 +62,7 @@ def effects(diagnosis: Diagnosis) -> Table:
     head = ("effect", "parameter", "value", "95 % interval", "nats", "needed", "likely")
     rows = [row for effect in diagnosis.effects for row in _effect_rows(effect, numbers_of(diagnosis.fit))]
     if (none := none_of_them(diagnosis)) is not None:
-        rows.append(("none of the known laws", *[NOTHING] * 5, chance(none)))
+        rows.append(("no known law, in a place at least", *[NOTHING] * 5, chance(none)))
     last = len(head) - all(one.probability is None for one in diagnosis.effects)
     return Table("What the model leaves out", head[:last], "llrrrrr"[:last], [row[:last] for row in rows])
 
@@ -138,11 +138,11 @@ def ablations(diagnosis: Diagnosis) -> Table:
 
 def fit(title: str, fits: Fits) -> Table:
     """Fit before and after."""
-    head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "noise floor", "free curves")
+    head = ("recording", "channel", "nominal", "re-fitted", "+ effects", "saved model", "noise floor", "free curves")
     names = short_names(fits)
     every = [(names[recording], safe(channel), *_fit_cells(one)) for recording, channel, one in each_fit(fits)]
     rows = [row for row in every if any(cell != NOTHING for cell in row[2:])]
-    return _without_empty(Table(title, head, "llrrrrr", _without_repeats(rows)))
+    return _without_empty(Table(title, head, "llrrrrrr", _without_repeats(rows)))
 
 
 def free_run(title: str, fits: Fits) -> Table:
@@ -166,7 +166,9 @@ def _chosen(one: FreeRunEffect, numbers: Mapping[str, str]) -> Row:
 
 
 def _fit_cells(one: Fit) -> Row:
-    return tuple(map(percent, (one.nominal, one.base_refit, one.with_effects, one.noise_floor, one.ceiling)))
+    return tuple(
+        map(percent, (one.nominal, one.base_refit, one.with_effects, one.written, one.noise_floor, one.ceiling))
+    )
 
 
 def _without_empty(table: Table) -> Table:
