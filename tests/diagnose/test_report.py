@@ -596,7 +596,7 @@ PLAIN: dict[str, tuple[dict[str, Any], dict[str, float], str]] = {
         {"probability": 0.5, "status": "weak"},
         {"hoop.stribeck_friction": 0.05},
         "Something is probably missing at the hoop; that it is hoop.coulomb_friction is 50 % likely, the other 50 % "
-        "are shared among other laws at the same place.",
+        "are shared among other laws that do much the same.",
     ),
     "sure of both": (
         {"probability": 0.97},
