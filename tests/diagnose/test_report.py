@@ -133,6 +133,28 @@ def test_the_verdict_of_a_named_effect_has_its_size_what_is_not_excluded_and_the
     )
 
 
+def test_what_a_saved_model_has_and_how_well_it_does_stands_beside_what_was_found() -> None:
+    diagnosis, _ = coulomb()
+    sure = msgspec.structs.replace(diagnosis.effects[0], status="confirmed", in_model=True)
+    more = msgspec.structs.replace(sure, name="hoop.untested", status="untested")
+    left = msgspec.structs.replace(sure, name="hoop.left_out", in_model=False)
+    own = {
+        recording: {channel: msgspec.structs.replace(one, written=91.5) for channel, one in channels.items()}
+        for recording, channels in diagnosis.fit.heldout.items()
+    }
+    table = msgspec.structs.replace(diagnosis.fit, heldout=own)
+    told = msgspec.structs.replace(diagnosis, effects=[sure, more, left], fit=table)
+    # what is in the model is told, sure or not; what is not in it is not
+    assert "keep the model with hoop.coulomb_friction and hoop.untested (--write" in headline.next_sentence(told)
+    assert "of the model that --write saves 91.5 %" in headline.fit_sentence(told)
+    assert "saves" not in headline.fit_sentence(diagnosis)
+    assert (
+        "saved model" in tables.fit("Fit", own).head
+        and "saved model" not in tables.fit("Fit", diagnosis.fit.heldout).head
+    )
+    assert "saved model: " in table_notes.columns_sentence(table)
+
+
 def test_what_is_less_sure_stands_behind_what_is_sure_and_says_why() -> None:
     diagnosis, _ = coulomb()
     first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed", not_excluded=[])
@@ -150,7 +172,7 @@ def test_what_is_less_sure_stands_behind_what_is_sure_and_says_why() -> None:
     ]
     less = (
         "a.weak (weak), a.shuffled (weak: a shuffled cause gains too), a.untested (held-out data never test it), "
-        "a.unlikely (< 1 % likely) and a.half (50 % likely)."
+        "something at the hoop whose law is open (a.unlikely: < 1 % likely) and a.half (50 % likely)."
     )
     both = msgspec.structs.replace(diagnosis, effects=[*doubted, first])
     sure = "The model leaves out hoop.coulomb_friction (Fc = 5.10 mN m); less sure: "
