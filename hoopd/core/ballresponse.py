@@ -23,8 +23,9 @@ Rules of this file: pure; times are those of the samples; nothing is learned, so
 from __future__ import annotations
 
 from collections import deque
+from itertools import chain
 from math import inf, isfinite, pi, tau
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -151,9 +152,9 @@ class BallResponse:
         """None when the window cannot be judged."""
         if len(self._hoop) < FEWEST_SAMPLES or len(self._ball) < FEWEST_SAMPLES:
             return None
-        rows = np.array(self._ball)
+        rows = _table(self._ball, 2)
         rows = rows[rows[:, 0] > rows[-1, 0] - WINDOW_S]
-        hoop = np.array(self._hoop)
+        hoop = _table(self._hoop, 3)
         if (
             len(rows) < FEWEST_SAMPLES
             or np.ptp(rows[:, 1]) > pi
@@ -161,11 +162,13 @@ class BallResponse:
         ):
             return None
         x, y = self._terms(rows[:, 0], rows[:, 1], hoop) / SIGMA_RAD, rows[:, 1] / SIGMA_RAD
-        ball, free = _fit(x, y, _BALL), _fit(x, y, _FREE)
+        squares, products = x.T @ x, x.T @ y
+        ball, free = (_fit(x, y, squares, products, deviation) for deviation in (_BALL, _FREE))
         for late_s in OLDER_S:
             if ball.least - free.least < LEAST_EVIDENCE or free.residual_rad < GOOD_RAD:
                 break
-            older = _fit(self._terms(rows[:, 0], rows[:, 1], hoop, late_s) / SIGMA_RAD, y, _FREE)
+            x = self._terms(rows[:, 0], rows[:, 1], hoop, late_s) / SIGMA_RAD
+            older = _fit(x, y, x.T @ x, x.T @ y, _FREE)
             free = min(free, older, key=lambda fit: fit.least)
         left = max(1.0, free.residual_rad / SIGMA_RAD)
         return Judgement((ball.least - free.least) / (left * left), left * free.gain_sd)
@@ -176,35 +179,41 @@ class BallResponse:
         theta = np.interp(t - late_s, hoop[:, 0], hoop[:, 1])
         speed = np.interp(t - late_s, hoop[:, 0], hoop[:, 2])
         moved, rolled = theta - theta[0], speed - np.gradient(psi, t)
+        half = 0.5 * np.diff(t)
         columns = (
             np.ones_like(at),
             at,
             0.5 * m.stiffness * at * at,
-            -m.stiffness * _integral(t, _integral(t, np.sin(psi))),
+            -m.stiffness * _integral(half, _integral(half, np.sin(psi))),
             m.carried * moved,
-            _integral(t, m.hoop_rate * moved + m.ball_rate * psi),
+            _integral(half, m.hoop_rate * moved + m.ball_rate * psi),
             -m.carried * speed,
-            m.stiffness * _integral(t, _integral(t, np.tanh(rolled / ROLLING_RAD_S))),
+            m.stiffness * _integral(half, _integral(half, np.tanh(rolled / ROLLING_RAD_S))),
             *(m.carried * turned(n * theta) for n in HARMONICS for turned in (np.sin, np.cos)),
         )
         return np.column_stack(columns)
 
 
-def _integral(t: Vector, y: Vector) -> Vector:
-    """From the first sample on, by trapezoids."""
+def _table(rows: deque[Any], width: int) -> Vector:
+    """Rows of as many numbers each as an array; of a deque numpy itself asks row by row."""
+    return np.fromiter(chain.from_iterable(rows), float, width * len(rows)).reshape(-1, width)
+
+
+def _integral(half: Vector, y: Vector) -> Vector:
+    """From the first sample on, by trapezoids; `half`: of the time from each sample to the next."""
     out = np.zeros_like(y)
-    np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(t), out=out[1:])
+    np.cumsum((y[1:] + y[:-1]) * half, out=out[1:])
     return out
 
 
-def _fit(x: Vector, y: Vector, deviation: Vector) -> WindowFit:
-    """Least squares with known means and deviations.
+def _fit(x: Vector, y: Vector, squares: Vector, products: Vector, deviation: Vector) -> WindowFit:
+    """Least squares with known means and deviations; `squares`: x'x, `products`: x'y.
 
     N p = b with N = x'x + 1/s^2, b = x'y + m/s^2; the least sum is y'y + m^2/s^2 - b p
     """
     weight = 1.0 / (deviation * deviation)
-    inverse = np.linalg.inv(x.T @ x + np.diag(weight))
-    b = x.T @ y + weight * _MEAN
+    inverse = np.linalg.inv(squares + np.diag(weight))
+    b = products + weight * _MEAN
     p: Vector = inverse @ b
     residual = y - x @ p
     return WindowFit(
