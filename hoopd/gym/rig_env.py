@@ -71,7 +71,7 @@ class RigEnv(HoopEnv):
         self._config: Config = configuration.load(config, sim=True, overrides=[*quiet, *sets])
         self._texts: Texts = read_texts(self._config, config)
         told = effects_of(parse_model(self._texts.model, "model"))
-        self._ahead = NumericPlant(told.plant, told.effects(), told.values).filter_step
+        self._ahead = NumericPlant(told.plant, told.effects(), told.values).filter_step.ahead
         self._rig: SteppedRig | None = None
         limit = min(physics.file().device.torque_limit_nm, self._config.limits.torque_nm)
         super().__init__(task, physics, limit, self._config.loop.period_s)
@@ -106,8 +106,7 @@ class RigEnv(HoopEnv):
     def _seen(self, moment: Moment) -> Array:
         """The estimate at the next tick."""
         record = self.rig.record
-        x, _ = self._ahead(np.array(record.x_hat), record.u, self.tick_s)
-        _, hoop_speed, angle, speed = x.tolist()
+        _, hoop_speed, angle, speed = self._ahead(np.array(record.x_hat), record.u, self.tick_s).tolist()
         return observation(hoop_speed, angle, speed, float(isfinite(self.rig.seen_rad)))
 
     def _stopped(self, moment: Moment) -> str:

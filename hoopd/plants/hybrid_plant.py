@@ -65,14 +65,14 @@ class _ModeSteps:
 
 
 def _repeated(step: ca.Function, count: int) -> ca.Function:
-    """So many steps, and the least of their guards."""
-    z, given = ca.MX.sym("z", step.size1_in(0)), ca.MX.sym("given", step.size1_in(1))
+    """So many steps, and the least of their guards; written out, so that what they share is computed once."""
+    z, given = ca.SX.sym("z", step.size1_in(0)), ca.SX.sym("given", step.size1_in(1))
     d, t, rest = given[0], given[1], given[2:]
-    least, after = ca.MX(np.inf), z
+    least, after = ca.SX(np.inf), z
     for k in range(count):
         found = step(after, ca.vertcat(d, t + k * d, rest))
         least, after = ca.fmin(least, found[0]), found[1:]
-    return ca.Function("leap", [z, given], [ca.vertcat(least, after)])
+    return ca.Function("leap", [z, given], [ca.densify(ca.vertcat(least, after))], {"cse": True})
 
 
 class HybridPlant:
