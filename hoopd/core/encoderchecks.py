@@ -178,16 +178,16 @@ class Innovation:
     def _by_speed(self) -> int:
         (before, begun), (now, ended) = self._samples[self._rate_ticks], self._samples[-1]
         pushed = self._push * (now.t - before.t)
-        return _side(now.dtheta - before.dtheta, _apart(ended, begun), self._speed_tolerance + pushed)
+        return _side(now.dtheta - before.dtheta, ended, begun, self._speed_tolerance + pushed)
 
     def _by_angle(self) -> int:
         samples = list(self._samples)
         first, last = samples[: self._rate_ticks + 1], samples[-self._rate_ticks - 1 :]
         change = _rate(last) - _rate(first)
-        between = _apart(_mean([one for _, one in last]), _mean([one for _, one in first]))
+        ended, begun = (_mean([one for _, one in part]) for part in (last, first))
         seconds = min(part[-1][0].t - part[0][0].t for part in (first, last))
         pushed = self._push * (last[-1][0].t - first[-1][0].t)
-        return _side(change, between, self._angle_tolerance / seconds + pushed)
+        return _side(change, ended, begun, self._angle_tolerance / seconds + pushed)
 
 
 def _rate(samples: list[tuple[DriverSample, Between]]) -> float:
@@ -200,16 +200,11 @@ def _mean(of: list[Between]) -> Between:
     return Between(low, high)
 
 
-def _apart(ended: Between, begun: Between) -> Between:
-    low, high = (tuple(map(sub, *rows)) for rows in zip(ended, begun, strict=True))
-    return Between(low, high)
-
-
-def _side(change: float, between: Between, tolerance: float) -> int:
+def _side(change: float, ended: Between, begun: Between, tolerance: float) -> int:
     """-1 below, 1 above what is possible for any lateness, 0 within."""
-    if change < min(between.low) - tolerance:
+    if change < min(map(sub, ended.low, begun.low)) - tolerance:
         return -1
-    return int(change > max(between.high) + tolerance)
+    return int(change > max(map(sub, ended.high, begun.high)) + tolerance)
 
 
 class StandsStill:

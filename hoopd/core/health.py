@@ -334,7 +334,7 @@ class Health:
             "camera_lost": int(lost),
             "ball_missing": int(missing),
             "ball_lost": int(missing),
-            "ball_implausible": int(sum(self._refusals) >= REFUSALS),
+            "ball_implausible": int(self._refusals.count(True) >= REFUSALS),
             **pictures,
         }
 
