@@ -29,12 +29,25 @@ class BlobShape(NamedTuple):
     level: float  # mean of the soft grey inside, 0..1
 
 
-def measure_blob(soft: NDArray[np.uint8], contour: NDArray[np.int32]) -> BlobShape:
-    """Moments of the blob with a soft rim and its holes filled."""
-    filled = np.zeros_like(soft)
+class BlobMask(NamedTuple):
+    """Where a blob is: 255 there, else 0."""
+
+    filled: NDArray[np.uint8]  # above the threshold, with its holes
+    solid: NDArray[np.uint8]  # of it what is no rim
+
+
+def blob_mask(contour: NDArray[np.int32], size: tuple[int, ...]) -> BlobMask:
+    """Of the blob within a contour, in a window of this size."""
+    filled = np.zeros(size, np.uint8)
     cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED)
+    return BlobMask(filled, np.asarray(cv2.erode(filled, RIM), np.uint8))
+
+
+def measure_blob(soft: NDArray[np.uint8], mask: BlobMask) -> BlobShape:
+    """Moments of the blob with a soft rim and its holes filled."""
+    filled = mask.filled
     rim = cv2.bitwise_and(soft, cv2.dilate(filled, RIM))
-    m = cv2.moments(cv2.max(rim, cv2.erode(filled, RIM)))
+    m = cv2.moments(cv2.max(rim, mask.solid))
     area = m["m00"] / 255.0
     # the ellipse with these second moments has the area 4 pi sqrt(det(covariance))
     spread = math.sqrt(max(m["mu20"] * m["mu02"] - m["mu11"] ** 2, 1e-12)) / m["m00"]

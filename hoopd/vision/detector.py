@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.vision.blobs import BlobShape, edge_contact, fit_visible_arc, measure_blob
+from hoopd.vision.blobs import BlobShape, blob_mask, edge_contact, fit_visible_arc, measure_blob
 from hoopd.vision.shading import evenly_lit_centre
 
 Image = NDArray[np.uint8]
@@ -242,11 +242,12 @@ class Detector:
 
     def _measure(self, soft: Image, level: Image, contour: Contour, window: Window) -> Blob:
         """One blob in picture coordinates; a ball cut by the picture's edge is a circle through its visible arc."""
-        shape = measure_blob(soft, contour)
+        mask = blob_mask(contour, soft.shape)
+        shape = measure_blob(soft, mask)
         at_window, at_picture = edge_contact(contour, window, self._shape)
         if at_picture and not at_window:
             shape = fit_visible_arc(contour, soft.shape, shape)
-        elif not at_window and (centre := evenly_lit_centre(level, contour)) is not None:
+        elif not at_window and (centre := evenly_lit_centre(level, mask, shape)) is not None:
             shape = shape._replace(x_px=centre[0], y_px=centre[1])
         placed = shape._replace(x_px=shape.x_px + window[0], y_px=shape.y_px + window[1])
         return Blob(placed.x_px, placed.y_px, placed.radius_px, self._confidence(placed), at_window)

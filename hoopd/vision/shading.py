@@ -10,12 +10,13 @@ So the light is a plane through the ball's middle, which is covered wholly, and 
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from hoopd.vision.blobs import BlobMask, BlobShape
 
 Mask = NDArray[np.uint8]
 
@@ -30,25 +31,21 @@ BENT = 0.65
 FIRST, LAST = 0.25, 0.75
 # Pixels around the thresholded blob that may have a share: half of what a smear of 20 px has there.
 AROUND = np.ones((11, 11), np.uint8)
-SOLID = np.ones((5, 5), np.uint8)
 # The picture is smooth over three pixels: a highlight reaches one further.
 NEXT = np.ones((3, 3), np.uint8)
 
 
-def evenly_lit_centre(level: Mask, contour: NDArray[np.int32]) -> tuple[float, float] | None:
-    """Centre of the blob within `contour`; None where no plane can be laid through its middle.
+def evenly_lit_centre(level: Mask, mask: BlobMask, shape: BlobShape) -> tuple[float, float] | None:
+    """Centre of a blob; None where no plane can be laid through its middle.
 
     Parameters
     ----------
     level
         What tells the ball from the rest, not saturated on it.
-    contour
-        Where it is above the threshold.
+    mask, shape
+        Where it is above the threshold, and its measure by that.
     """
-    filled = np.zeros_like(level)
-    cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED)
-    blob = cv2.moments(filled, True)
-    x, y, radius = blob["m10"] / blob["m00"], blob["m01"] / blob["m00"], math.sqrt(blob["m00"] / math.pi)
+    x, y, radius = shape.x_px, shape.y_px, shape.radius_px
     light = _light(level, _middle(level, x, y, MIDDLE * radius), (x, y), BENT * radius)
     if light is None:
         return None
@@ -57,7 +54,7 @@ def evenly_lit_centre(level: Mask, contour: NDArray[np.int32]) -> tuple[float, f
     below: Any = FIRST * scale
     counted = cv2.subtract(share, below, dtype=cv2.CV_8U)  # saturated on both sides
     # a highlight that is white is no hole
-    moments = cv2.moments(cv2.max(cv2.bitwise_and(counted, cv2.dilate(filled, AROUND)), cv2.erode(filled, SOLID)))
+    moments = cv2.moments(cv2.max(cv2.bitwise_and(counted, cv2.dilate(mask.filled, AROUND)), mask.solid))
     return moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]
 
 
@@ -71,14 +68,14 @@ def _middle(level: Mask, x: float, y: float, radius: float) -> Mask:
 
 def _light(level: Mask, middle: Mask, at: tuple[float, float], reach: float) -> NDArray[np.float32] | None:
     """The plane through the levels of `middle`; farther than `reach` from a point it goes on as it is there."""
-    of_mask, of_level = cv2.moments(middle, True), cv2.moments(cv2.bitwise_and(level, middle))
-    n, total = of_mask["m00"], of_level["m00"]
+    of_mask, of_level = cv2.moments(middle), cv2.moments(cv2.bitwise_and(level, middle))
+    n, total = of_mask["m00"] / 255.0, of_level["m00"]
     # least squares by central moments: [[a, b], [b, d]] slope = [s_x, s_y]
-    a, b, d = of_mask["mu20"], of_mask["mu11"], of_mask["mu02"]
+    a, b, d = (of_mask[name] / 255.0 for name in ("mu20", "mu11", "mu02"))
     determinant = a * d - b * b
     if determinant <= 0.0 or total <= 0.0:
         return None
-    mean, x_mean, y_mean = total / n, of_mask["m10"] / n, of_mask["m01"] / n
+    mean, x_mean, y_mean = total / n, of_mask["m10"] / of_mask["m00"], of_mask["m01"] / of_mask["m00"]
     s_x, s_y = of_level["m10"] - x_mean * total, of_level["m01"] - y_mean * total
     x_slope, y_slope = (d * s_x - b * s_y) / determinant, (a * s_y - b * s_x) / determinant
     across = x_slope * (_near(level.shape[1], at[0], reach) - x_mean)

@@ -11,6 +11,7 @@ import pytest
 from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import load
 from hoopd.sim.scene import Scene, SceneSettings
+from hoopd.vision.blobs import blob_mask, measure_blob
 from hoopd.vision.shading import evenly_lit_centre
 
 SIZE, CENTRE, RADIUS = 64, (31.3, 32.6), 20.0
@@ -40,7 +41,9 @@ def found(level: np.ndarray) -> tuple[float, float] | None:
     picture = np.rint(level).astype(np.uint8)
     binary = cv2.threshold(picture, 70, 255, cv2.THRESH_BINARY)[1]
     contours = cv2.findContours(binary, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    return evenly_lit_centre(picture, np.asarray(max(contours, key=cv2.contourArea), np.int32))
+    mask = blob_mask(np.asarray(max(contours, key=cv2.contourArea), np.int32), picture.shape)
+    soft = np.clip((level - 35.0) / 70.0 * 255.0, 0.0, 255.0).astype(np.uint8)
+    return evenly_lit_centre(picture, mask, measure_blob(soft, mask))
 
 
 def by_one_threshold(level: np.ndarray) -> float:
