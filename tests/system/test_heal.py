@@ -15,7 +15,7 @@ from hoopd.plants.model_file import load_model
 from hoopd.recording.mcap import read_run
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1200)
 def test_friction_that_grows_is_learned_accepted_by_the_policy_and_given_up_when_it_goes(tmp_path: Path) -> None:
     run = grown(tmp_path, 190.0, for_s=80.0, plan=QUICK, policy=POLICY, worker=ToldWorker)
     first, second, *_ = run.versions
@@ -34,13 +34,13 @@ def test_friction_that_grows_is_learned_accepted_by_the_policy_and_given_up_when
     assert first.number == 0 and run.summary["faults"] == {}
 
 
-@pytest.mark.timeout(200)
+@pytest.mark.timeout(600)
 def test_nothing_is_learned_where_nothing_changes(tmp_path: Path) -> None:
     run = heal_run(tmp_path, moved(120.0), duration_s=120.0, plan=QUICK, policy=POLICY, worker=ToldWorker)
     assert run.acting == 0 and len(run.versions) == 1 and run.costs == ()
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(1200)
 def test_killed_at_random_moments_it_leaves_what_was_accepted_loses_nothing_and_goes_on(tmp_path: Path) -> None:
     killed = run_killed(tmp_path, kills=3, seed=1)
     assert len(killed.at_s) == 3 and killed.wrong == (), killed.wrong

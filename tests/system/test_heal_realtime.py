@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from harness.healed_rig import controllers_of
-from harness.realrun import ENVIRONMENT, Daemon
+from harness.realrun import ENVIRONMENT, Daemon, fifo_granted
 
 from hoopd.files.controller_folder import key_of
 from hoopd.files.heal_versions import VersionFolder
@@ -54,7 +54,7 @@ def test_killed_in_a_trial_the_loop_goes_back_and_it_resumes_and_restores(tmp_pa
     controllers = controllers_of(tmp_path)
     versions = proposed(tmp_path / "healed", controllers)
     config = {"control": {"file": str(controllers / "lqg.yaml")}}
-    with Daemon(tmp_path, config=config, psi_rad=0.0) as daemon:
+    with Daemon(tmp_path, config=config, psi_rad=0.0, fifo=fifo_granted()) as daemon:
 
         def acting() -> str:
             return str(daemon.command("status")["status"]["controller"]["file"])
