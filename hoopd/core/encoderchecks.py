@@ -87,7 +87,7 @@ class Acted(NamedTuple):
     psi: float  # rad, as estimated
 
 
-class Between(NamedTuple):
+class ChangeBounds(NamedTuple):
     """Least and greatest change of speed since the beginning, rad/s, each by lateness."""
 
     low: tuple[float, ...]
@@ -114,7 +114,7 @@ class Bounds:
         low, high = accelerations(self._motion, acted)
         rows.append((t, low_before + h * low, high_before + h * high))
 
-    def at(self, t: float) -> Between | None:
+    def at(self, t: float) -> ChangeBounds | None:
         """Least and greatest at `t`, None when that is out of reach."""
         rows = self._rows
         if not rows or t - self._late[-1] < rows[0][0]:
@@ -130,7 +130,7 @@ class Bounds:
             share = (at - t0) / (t1 - t0) if t1 > t0 else 0.0
             low.append(low0 + share * (low1 - low0))
             high.append(high0 + share * (high1 - high0))
-        return Between(tuple(low), tuple(high))
+        return ChangeBounds(tuple(low), tuple(high))
 
 
 def accelerations(motion: HoopMotion, acted: Acted) -> tuple[float, float]:
@@ -160,9 +160,9 @@ class Innovation:
         # the difference of two readings; the angle's speed is one itself
         self._speed_tolerance = SIGMAS * sqrt(2.0) * motion.speed_sd
         self._angle_tolerance = SIGMAS * 2.0 * motion.angle_sd
-        self._samples: deque[tuple[DriverSample, Between]] = deque(maxlen=ticks + rate_ticks + 1)
+        self._samples: deque[tuple[DriverSample, ChangeBounds]] = deque(maxlen=ticks + rate_ticks + 1)
 
-    def update(self, driver: DriverSample, bounds: Between | None) -> bool:
+    def update(self, driver: DriverSample, bounds: ChangeBounds | None) -> bool:
         """Both are outside, on the same side."""
         samples = self._samples
         if bounds is None or (samples and not 0.0 < driver.t - samples[-1][0].t < LONGEST_GAP_S):
@@ -190,17 +190,17 @@ class Innovation:
         return _side(change, ended, begun, self._angle_tolerance / seconds + pushed)
 
 
-def _rate(samples: list[tuple[DriverSample, Between]]) -> float:
+def _rate(samples: list[tuple[DriverSample, ChangeBounds]]) -> float:
     first, last = samples[0][0], samples[-1][0]
     return (last.theta - first.theta) / (last.t - first.t)
 
 
-def _mean(of: list[Between]) -> Between:
+def _mean(of: list[ChangeBounds]) -> ChangeBounds:
     low, high = (tuple(fsum(column) / len(of) for column in zip(*rows, strict=True)) for rows in zip(*of, strict=True))
-    return Between(low, high)
+    return ChangeBounds(low, high)
 
 
-def _side(change: float, ended: Between, begun: Between, tolerance: float) -> int:
+def _side(change: float, ended: ChangeBounds, begun: ChangeBounds, tolerance: float) -> int:
     """-1 below, 1 above what is possible for any lateness, 0 within."""
     if change < min(map(sub, ended.low, begun.low)) - tolerance:
         return -1
