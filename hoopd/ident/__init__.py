@@ -15,9 +15,6 @@ if TYPE_CHECKING:
         add_poles as add_poles,
     )
     from hoopd.ident.bases import (
-        fit_basis as fit_basis,
-    )
-    from hoopd.ident.bases import (
         kautz as kautz,
     )
     from hoopd.ident.bases import (
@@ -32,17 +29,14 @@ if TYPE_CHECKING:
     from hoopd.ident.bases import (
         pole as pole,
     )
+    from hoopd.ident.basis_fit import (
+        fit_basis as fit_basis,
+    )
     from hoopd.ident.conditioning import (
         apply as apply,
     )
     from hoopd.ident.conditioning import (
         concatenate as concatenate,
-    )
-    from hoopd.ident.conditioning import (
-        detrend as detrend,
-    )
-    from hoopd.ident.conditioning import (
-        fill_gaps as fill_gaps,
     )
     from hoopd.ident.conditioning import (
         merge as merge,
@@ -61,9 +55,6 @@ if TYPE_CHECKING:
     )
     from hoopd.ident.conditioning import (
         scale as scale,
-    )
-    from hoopd.ident.conditioning import (
-        trend as trend,
     )
     from hoopd.ident.confidence import (
         pole_spread as pole_spread,
@@ -126,27 +117,30 @@ if TYPE_CHECKING:
     from hoopd.ident.frequencydata import (
         frequency_response as frequency_response,
     )
+    from hoopd.ident.gaps import (
+        fill_gaps as fill_gaps,
+    )
     from hoopd.ident.impulse import impulseest as impulseest
-    from hoopd.ident.measures import (
+    from hoopd.ident.information_criteria import (
         aic as aic,
     )
-    from hoopd.ident.measures import (
+    from hoopd.ident.information_criteria import (
         aicc as aicc,
     )
-    from hoopd.ident.measures import (
+    from hoopd.ident.information_criteria import (
         bic as bic,
     )
-    from hoopd.ident.measures import (
-        compare as compare,
-    )
-    from hoopd.ident.measures import (
+    from hoopd.ident.information_criteria import (
         criteria as criteria,
+    )
+    from hoopd.ident.information_criteria import (
+        fpe as fpe,
+    )
+    from hoopd.ident.information_criteria import (
+        parameters_of as parameters_of,
     )
     from hoopd.ident.measures import (
         fit_percent as fit_percent,
-    )
-    from hoopd.ident.measures import (
-        fpe as fpe,
     )
     from hoopd.ident.measures import (
         mse as mse,
@@ -155,15 +149,15 @@ if TYPE_CHECKING:
         nrmse as nrmse,
     )
     from hoopd.ident.measures import (
-        parameters_of as parameters_of,
-    )
-    from hoopd.ident.measures import (
         rms as rms,
     )
     from hoopd.ident.measures import (
         sse as sse,
     )
-    from hoopd.ident.measures import (
+    from hoopd.ident.model_comparison import (
+        compare as compare,
+    )
+    from hoopd.ident.model_comparison import (
         table as table,
     )
     from hoopd.ident.model_forms import innovation_form as innovation_form
@@ -314,6 +308,12 @@ if TYPE_CHECKING:
         response_covariance as response_covariance,
     )
     from hoopd.ident.structure_search import identify as identify
+    from hoopd.ident.trends import (
+        detrend as detrend,
+    )
+    from hoopd.ident.trends import (
+        trend as trend,
+    )
     from hoopd.ident.uncertain import possible_models as possible_models
     from hoopd.ident.vectorfit import rational_matrix as rational_matrix
 
@@ -334,16 +334,21 @@ _GIVEN = {
     "polynomial.lpv": "lpv_arx",
     "statespace.lpv": "lpv_pem",
     "confidence": "response_spread pole_spread zero_spread",
-    "measures": "fit_percent rms mse sse nrmse criteria aic aicc bic fpe parameters_of compare table",
+    "measures": "fit_percent rms mse sse nrmse",
+    "information_criteria": "criteria aic aicc bic fpe parameters_of",
+    "model_comparison": "compare table",
     "residualtests": "residuals whiteness independence",
-    "conditioning": "detrend trend apply scale normalize ramp_in ramp_out concatenate merge predictor_data fill_gaps",
+    "conditioning": "apply scale normalize ramp_in ramp_out concatenate merge predictor_data",
+    "trends": "detrend trend",
+    "gaps": "fill_gaps",
     "filtering": "prefilter idfilt resample resample_system resample_covariance",
     "frequencydata": "FrequencyData frequency_axis fft frequency_response between between_hz",
     "empirical_response": "etfe",
     "spectral": "tfest coherence power_spectrum correlation",
     "spectrogram": "model_spectrum noise_spectrum",
     "impulse": "impulseest",
-    "bases": "laguerre kautz orthonormal leadlag add_poles pole fit_basis",
+    "bases": "laguerre kautz orthonormal leadlag add_poles pole",
+    "basis_fit": "fit_basis",
     "vectorfit": "rational_matrix",
     "rationalfit": "rational fit_basis_response minimum_phase",
     "excitation": "two_levels linear_chirp step low_crest",

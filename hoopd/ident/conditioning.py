@@ -1,4 +1,4 @@
-"""Data made ready: trends and scales taken off, ends faded, gaps filled, pieces joined.
+"""Data made ready: scales taken off, ends faded, pieces joined.
 
 Rules of this file: a new object each time; every channel is treated alike where the dynamics between them must stay
 what they are; whatever is taken off or made up is handed back, so that it can be put on again or left out.
@@ -7,128 +7,16 @@ what they are; whatever is taken off or made up is handed back, so that it can b
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
-from hoopd.ident.data import Data, experiments, iddata
+from hoopd.ident.data import Data, experiments, iddata, with_values
+from hoopd.ident.gaps import whole
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], ArrayLike]
-
-
-# ---------------------------------------------------------------------------------------------- trends
-
-
-@dataclass(frozen=True)
-class Trend:
-    """Polynomials of time by channel, coefficients (order + 1, channels) of ((t - centre_s) / span_s)^k."""
-
-    y: Array
-    u: Array
-    x: Array | None
-    centre_s: float
-    span_s: float
-
-    def at(self, t: Array, part: Array) -> Array:
-        """(len(t), channels) values of `part` (one of y, u, x) at the times t."""
-        return _powers((t - self.centre_s) / self.span_s, len(part) - 1) @ part
-
-    def removed(self, data: Data) -> Data:
-        """The data without this trend; times count from the same zero as those that it was found in."""
-        return self._added(data, -1.0)
-
-    def restored(self, data: Data) -> Data:
-        """The data with this trend put on again."""
-        return self._added(data, 1.0)
-
-    def _added(self, data: Data, sign: float) -> Data:
-        x = None if data.x is None or self.x is None else data.x + sign * self.at(data.t, self.x)
-        return _made(data, data.y + sign * self.at(data.t, self.y), data.u + sign * self.at(data.t, self.u), x)
-
-
-def trend(data: Data, order: int = 0) -> Trend:
-    """Find the polynomial in time that lies nearest to each channel.
-
-    Parameters
-    ----------
-    data : Data
-        One experiment; gaps count not.
-    order : int
-        0 is the mean, 1 the line.
-
-    Returns
-    -------
-    Trend
-        It takes itself off data by `removed(data)` and puts itself on again by `restored(data)`.
-
-    Raises
-    ------
-    ValueError
-        A channel with fewer samples than coefficients, or a negative order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import iddata, trend
-    >>> data = iddata([1.0, 3.0, 5.0, 7.0], dt=1.0)
-    >>> line = trend(data, order=1)
-    >>> np.allclose(line.removed(data).y, 0.0), line.at(np.array([10.0]), line.y).round(6)
-    (True, array([[21.]]))
-    """
-    if order < 0:
-        raise ValueError(f"the order of a trend is 0 (mean), 1 (line) or more, not {order}")
-    centre, span = float(np.mean(data.t)) if data.n else 0.0, max(data.dt * data.n / 2.0, data.dt)
-    basis = _powers((data.t - centre) / span, order)
-    x = None if data.x is None else _fitted(basis, data.x, "x")
-    return Trend(_fitted(basis, data.y, "y"), _fitted(basis, data.u, "u"), x, centre, span)
-
-
-def detrend(data: Data, order: int = 0) -> Data:
-    """Take the mean, the line or a polynomial in time off every channel; `trend` tells what was taken off.
-
-    Parameters
-    ----------
-    data : Data
-        One experiment; gaps count not.
-    order : int
-        0 is the mean, 1 the line.
-
-    Returns
-    -------
-    Data
-        The data without it.
-
-    Raises
-    ------
-    ValueError
-        A channel with fewer samples than coefficients, or a negative order.
-
-    Examples
-    --------
-    >>> from hoopd.ident import detrend, iddata
-    >>> detrend(iddata([1.0, 2.0, 6.0])).y[:, 0]
-    array([-2., -1.,  3.])
-    """
-    return trend(data, order).removed(data)
-
-
-def _powers(t: Array, order: int) -> Array:
-    return np.asarray(np.vander(t, order + 1, increasing=True))
-
-
-def _fitted(basis: Array, values: Array, name: str) -> Array:
-    found = np.zeros((basis.shape[1], values.shape[1]))
-    for i, column in enumerate(values.T):
-        seen = np.isfinite(column)
-        if seen.sum() < basis.shape[1]:
-            raise ValueError(f"{name}[{i}] has {seen.sum()} samples, too few for a trend of {basis.shape[1]} numbers")
-        found[:, i] = np.linalg.lstsq(basis[seen], column[seen], rcond=None)[0]
-    return found
 
 
 # ---------------------------------------------------------------------------------------------- values
@@ -198,7 +86,7 @@ def scale(data: Data, outputs: ArrayLike = 1.0, inputs: ArrayLike = 1.0) -> Data
     >>> scale(data, outputs=[1.0, 100.0]).y[0]
     array([  1., 100.])
     """
-    return _made(data, _times(data.y, outputs, "outputs"), _times(data.u, inputs, "inputs"), data.x)
+    return with_values(data, _times(data.y, outputs, "outputs"), _times(data.u, inputs, "inputs"), data.x)
 
 
 class UnitVariance(NamedTuple):
@@ -291,7 +179,7 @@ def ramp_out(data: Data, samples: int) -> Data:
 def _faded(data: Data, gain: Array, samples: int) -> Data:
     if samples <= 1:
         return data
-    return _made(data, data.y * gain[:, None], data.u * gain[:, None], data.x)
+    return with_values(data, data.y * gain[:, None], data.u * gain[:, None], data.x)
 
 
 def _times(values: Array, factor: ArrayLike, name: str) -> Array:
@@ -343,7 +231,7 @@ def concatenate(*pieces: Data) -> Data:
     each = experiments(pieces)
     states = [one.x for one in each if one.x is not None]
     x = np.concatenate(states) if len(states) == len(each) else None
-    return _made(each[0], np.concatenate([one.y for one in each]), np.concatenate([one.u for one in each]), x)
+    return with_values(each[0], np.concatenate([one.y for one in each]), np.concatenate([one.u for one in each]), x)
 
 
 def merge(*given: Data | Sequence[Data]) -> list[Data]:
@@ -403,84 +291,3 @@ def predictor_data(data: Data) -> Data:
         data.y, np.hstack([data.u, whole(data, "as an input").y]), data.dt,
         t0=data.t0, x=data.x, outputs=data.outputs, inputs=names,
     )  # fmt: skip
-
-
-# ---------------------------------------------------------------------------------------------- gaps
-
-
-class Filled(NamedTuple):
-    """Data without gaps and which samples (n, ny) were made up."""
-
-    data: Data
-    filled: NDArray[np.bool_]
-
-
-def fill_gaps(data: Data, method: Literal["linear", "pchip"] = "linear", longest_s: float = np.inf) -> Filled:
-    """Interpolate missing outputs in time.
-
-    Parameters
-    ----------
-    data : Data
-        One experiment.
-    method : {"linear", "pchip"}
-        Lines, or cubics that do not overshoot.
-    longest_s : float
-        Gaps longer than so many seconds stay missing, as those at the ends do.
-
-    Returns
-    -------
-    Filled
-        The `data`, and which samples (n, ny) were made up, `filled`.
-
-    Raises
-    ------
-    ValueError
-        A method that is none.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import fill_gaps, iddata
-    >>> done = fill_gaps(iddata([1.0, np.nan, 3.0, np.nan]))
-    >>> done.data.y[:, 0], done.filled[:, 0]
-    (array([ 1.,  2.,  3., nan]), array([False,  True, False, False]))
-    """
-    y = data.y.copy()
-    for i in range(data.ny):
-        y[:, i] = _interpolated(data.t, data.y[:, i], method, longest_s)
-    return Filled(_made(data, y, data.u, data.x), np.isnan(data.y) & np.isfinite(y))
-
-
-def whole(data: Data, what: str) -> Data:
-    """The data, if no output is missing; ValueError that says what to do if one is."""
-    if not data.complete:
-        gap = int(np.argwhere(~np.isfinite(data.y))[0, 0])
-        raise ValueError(f"{what}: y is missing at sample {gap}; fill_gaps(data) first, or take each of runs(data)")
-    return data
-
-
-def _interpolated(t: Array, values: Array, method: str, longest_s: float) -> Array:
-    seen = np.isfinite(values)
-    if seen.all() or seen.sum() < 2:
-        return values
-    known = np.flatnonzero(seen)
-    if method not in {"linear", "pchip"}:
-        raise ValueError(f'a gap is filled by "linear" or "pchip", not {method!r}')
-    inside = t[known[0] : known[-1] + 1]
-    found = (
-        np.interp(inside, t[known], values[known])
-        if method == "linear"
-        else PchipInterpolator(t[known], values[known])(inside)
-    )
-    out = values.copy()
-    out[known[0] : known[-1] + 1] = found
-    for first, last in pairwise(known):
-        if t[last] - t[first] > longest_s:
-            out[first + 1 : last] = np.nan
-    return np.asarray(np.where(seen, values, out))
-
-
-def _made(data: Data, y: Array, u: Array, x: Array | None) -> Data:
-    for one in (y, u):
-        one.setflags(write=False)
-    return replace(data, y=y, u=u, x=x)

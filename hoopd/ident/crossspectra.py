@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from hoopd.ident.conditioning import whole
 from hoopd.ident.data import Data, experiments, runs
+from hoopd.ident.gaps import whole
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, signal
 
-from hoopd.ident.conditioning import whole
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.discretization import c2d, d2c
+from hoopd.ident.gaps import whole
 from hoopd.ident.statespace.sampling import sampled_noise, unsampled_noise
 
 Array = NDArray[np.float64]

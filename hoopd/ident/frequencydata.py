@@ -18,8 +18,8 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.conditioning import whole
 from hoopd.ident.data import Data
+from hoopd.ident.gaps import whole
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

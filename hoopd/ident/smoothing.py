@@ -118,16 +118,10 @@ def state_filter(
 
     Parameters
     ----------
-    model : any model
-        A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
-    data : Data
-        Inputs (n, nu) and outputs (n, ny).
+    model, data, p0, noise : see `smooth`
+        The same as there.
     x0 : {"zero", "estimate"} or array_like, shape (nx,)
         The state at the first sample; "estimate" takes it from the first samples, which a filter at work does not have.
-    p0 : array_like, shape (nx, nx), optional
-        Its covariance. Without it a state that is given is exact, and one that is estimated counts for next to nothing.
-    noise : tuple of array_like (nx, nx) and (ny, ny), optional
-        q and r of a model whose process and measurement noise are unrelated, in place of its innovation form.
 
     Returns
     -------

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.doubts import IdentificationWarning
 from hoopd.ident.identified_model import IdentifiedModel
-from hoopd.ident.measures import fit_percent, parameters_of
+from hoopd.ident.information_criteria import parameters_of
+from hoopd.ident.measures import fit_percent
 from hoopd.ident.polynomial.arx import arx, varx
 from hoopd.ident.polynomial.delay import delay
 from hoopd.ident.polynomial.pem import armax, bj, oe

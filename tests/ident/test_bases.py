@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from hoopd.ident.bases import Basis, add_poles, fit_basis, kautz, laguerre, leadlag, orthonormal, pole
+from hoopd.ident.bases import Basis, add_poles, kautz, laguerre, leadlag, orthonormal, pole
+from hoopd.ident.basis_fit import fit_basis
 from hoopd.ident.data import iddata
 
 W = np.geomspace(0.01, 30.0, 50)

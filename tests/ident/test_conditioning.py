@@ -6,7 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from hoopd.ident import conditioning as cond
+import hoopd.ident as cond
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.filtering import idfilt, prefilter, resample, resample_covariance, resample_system
 

@@ -7,19 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.measures import (
-    aicc,
-    bic,
-    compare,
-    criteria,
-    fit_percent,
-    mse,
-    nrmse,
-    parameters_of,
-    rms,
-    sse,
-    table,
-)
+from hoopd.ident.information_criteria import aicc, bic, criteria, parameters_of
+from hoopd.ident.measures import fit_percent, mse, nrmse, rms, sse
+from hoopd.ident.model_comparison import compare, table
 from hoopd.ident.models import Innovations, Polynomials
 from hoopd.ident.polynomial import orders
 from hoopd.ident.statespace.pem import pem

@@ -2,8 +2,8 @@
 
 All candidates are fitted to the same equations, from one Gram matrix of the longest lags, so their errors compare.
 
-Rules of this file: the criteria are those of `hoopd.ident.measures`, of the mean squared error and the number of
-equations; smaller is better.
+Rules of this file: the criteria are those of `hoopd.ident.information_criteria`, of the mean squared error and the
+number of equations; smaller is better.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hoopd.ident.checks import check
 from hoopd.ident.damped_least_squares import solved
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.measures import aic, aicc, bic, fpe
+from hoopd.ident.information_criteria import aic, aicc, bic, fpe
 from hoopd.ident.polynomial.regression import gram_of
 from hoopd.ident.polynomial.structure import Counts, Structure, single, structure
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from hoopd.ident import ar, arma, bases, conditioning, excitation, signals
+from hoopd.ident import ar, arma, bases, conditioning, excitation, fit_basis, signals
 from hoopd.ident import frequencydata as fd
 from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
@@ -73,7 +73,7 @@ def criterion_40(seed: int) -> Verdicts:
     w = np.geomspace(1e-2, 100.0 * np.pi, 300)
     kautz = bases.kautz(np.exp(-0.01 * np.geomspace(1.0, 80.0 * np.pi, 10)), 0.01)
     for name, basis in (("kautz", kautz), ("laguerre", bases.laguerre(float(rng.uniform(0.88, 0.92)), 4, 0.01))):
-        found = bases.fit_basis(data, basis)
+        found = fit_basis(data, basis)
         error = float(np.sqrt(found.variance[0] / np.mean(data.y**2)))
         miss = float(np.mean(np.abs(ct.FRD(found.system, w).frdata - ct.FRD(system, w).frdata) ** 2))
         out |= {f"{name}_error": error, f"{name}_fit": bool(error < 1e-3), f"{name}_response": bool(miss < 0.1)}

@@ -12,7 +12,8 @@ from scipy.stats import multivariate_normal
 from harness.identcriteria import sets
 from harness.identcriteria.judged import Array, Criterion, Figures, passed, quiet, response
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.measures import criteria, fit_percent, fpe, mse, nrmse, rms, sse
+from hoopd.ident.information_criteria import criteria, fpe
+from hoopd.ident.measures import fit_percent, mse, nrmse, rms, sse
 from hoopd.ident.models import Polynomials
 from hoopd.ident.polynomial.arx import arx
 from hoopd.ident.polynomial.delay import delay
@@ -90,7 +91,7 @@ def _sums(y: Array, said: Array) -> float:
 
 
 def _information(e: Array, d: int) -> float:
-    """`measures.criteria` against the likelihood: what the log likelihood of normal errors differs by from -AIC/2."""
+    """`criteria` against the likelihood: what the log likelihood of normal errors differs by from -AIC/2."""
     found, n = criteria(e, d), len(e)
     v = e.T @ e / n
     likelihood = float(np.sum(multivariate_normal(np.zeros(2), v).logpdf(e)))
