@@ -78,20 +78,32 @@ def folds(data: Data | Sequence[Data]) -> list[Fold]:
     """Three ways to hold a third of every experiment back, its end first; none where too little would be left.
 
     Where the means are taken out of a record, those of what is fitted are taken out of each fold: an operating point
-    that moves is then as far off as in the next record.
+    that moves is then as far off as in the next record. Of the third between the others that would be a mean of both
+    its sides, which nobody has of a next record: there it is that of the rows before.
     """
     each = [one[: min(one.n, MOST)] for one in experiments(data)]
     if sum(one.n // PARTS for one in each) < FEWEST:
         return []
-    found = [_fold(each, part) for part in (PARTS - 1, 0, *range(1, PARTS - 1))]
-    return [_centred(one) for one in found] if _is_centred(each) else found
+    parts = (PARTS - 1, 0, *range(1, PARTS - 1))
+    found = [_fold(each, part) for part in parts]
+    if not _is_centred(each):
+        return found
+    return [
+        _centred(one, one.fitted if part in (0, PARTS - 1) else [whole[: _edge(whole, part)] for whole in each])
+        for part, one in zip(parts, found, strict=True)
+    ]
+
+
+def _edge(one: Data, part: int) -> int:
+    """The first row of a part."""
+    return round(one.n * part / PARTS)
 
 
 def _fold(each: Sequence[Data], part: int) -> Fold:
     """One part held back."""
     fitted, held = [], []
     for one in each:
-        first, last = (round(one.n * edge / PARTS) for edge in (part, part + 1))
+        first, last = _edge(one, part), _edge(one, part + 1)
         fitted += [rest for rest in (one[:first], one[last:]) if rest.n]
         held.append(one[first:last])
     return Fold(tuple(fitted), tuple(held))
@@ -102,12 +114,20 @@ def _is_centred(each: Sequence[Data]) -> bool:
     return bool((np.abs(np.nanmean(rows, axis=0)) <= CENTRED * np.nanstd(rows, axis=0)).all())
 
 
-def _centred(fold: Fold) -> Fold:
-    u, y = (np.nanmean(np.concatenate([getattr(one, x) for one in fold.fitted]), axis=0) for x in ("u", "y"))
-    fitted, held = (
-        tuple(replace(one, u=one.u - u, y=one.y - y) for one in part) for part in (fold.fitted, fold.held)
-    )  # fmt: skip
-    return Fold(fitted, held)
+def _centred(fold: Fold, known: Sequence[Data]) -> Fold:
+    """Without the means of what is fitted; what is held back without those of the rows that are `known`."""
+    return Fold(_less(fold.fitted, _means(fold.fitted)), _less(fold.held, _means(known)))
+
+
+def _means(parts: Sequence[Data]) -> tuple[Array, Array]:
+    """Of inputs and outputs."""
+    u, y = (np.nanmean(np.concatenate([getattr(one, x) for one in parts]), axis=0) for x in ("u", "y"))
+    return u, y
+
+
+def _less(parts: Sequence[Data], means: tuple[Array, Array]) -> tuple[Data, ...]:
+    u, y = means
+    return tuple(replace(one, u=one.u - u, y=one.y - y) for one in parts)
 
 
 def held_errors(model: Innovations, held: Sequence[Data], horizons: Sequence[float] = HORIZONS) -> HeldErrors:

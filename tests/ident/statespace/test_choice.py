@@ -139,6 +139,10 @@ def test_a_third_is_held_back_three_times_and_means_are_those_of_what_is_fitted(
     assert [one.held[0].n for one in found] == [300, 300, 300]
     assert [len(one.fitted) for one in found] == [1, 1, 2]
     assert all(abs(np.concatenate([part.y for part in one.fitted]).mean()) < 1e-9 for one in found)
+    # of the third between, what is known of the operating point comes from the rows before it
+    for one, known in zip(found, (data.y[:600], data.y[300:], data.y[:300]), strict=True):
+        (start,) = np.flatnonzero(np.isclose(data.t, one.held[0].t[0]))
+        assert np.allclose(one.held[0].y, data.y[start : start + 300] - known.mean())
     raw = heldback.folds(replace(data, y=data.y + 5.0))  # nobody took a mean out
     assert raw[0].held[0].y.mean() == pytest.approx(data.y[600:].mean() + 5.0)
 
