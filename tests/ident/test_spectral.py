@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import control as ct
 import numpy as np
 import pytest
@@ -147,3 +149,15 @@ def test_the_error_of_a_gain_is_the_spread_of_many_estimates() -> None:
     assert np.median(ratio) == pytest.approx(1.0, abs=0.07)
     # at 0 and at half the sampling frequency the whole error lies along the gain
     assert ratio[[0, -1]] == pytest.approx([1.0, 1.0], abs=0.25)
+
+
+def test_segments_are_not_stacked_in_memory() -> None:
+    u, e = np.random.default_rng(0).standard_normal((2, 50_000))
+    data = iddata(u + e, u)
+    tfest(data[:5000], segment=100)  # modules are loaded
+    tracemalloc.start()
+    tfest(data, segment=100)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # the record twice or thrice, not once for each of its thousand segments
+    assert peak < 8 * (data.nu + data.ny) * data.n * 5
