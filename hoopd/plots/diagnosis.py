@@ -132,7 +132,8 @@ def draw_candidates(
     style.labelled(axes, "gain over the re-fitted base (nats)", "")
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    style.legend(axes, handles=list(once.values()), labels=list(once), loc="lower left", bbox_to_anchor=(0.0, 1.0),
+    # from the right: names of explanations may be long, and the axes begin behind them
+    style.legend(axes, handles=list(once.values()), labels=list(once), loc="lower right", bbox_to_anchor=(1.0, 1.0),
                  ncols=3, borderaxespad=0.1)  # fmt: skip
     return figure
 

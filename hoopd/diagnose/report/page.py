@@ -122,7 +122,13 @@ def _one_force(index: int, force: MissingForce) -> str:
     what = "Error of the readings" if force.reading else "Missing force"
     title = f"{what} in slot {force.slot}" + (f" over {over}" if over else "")
     drawn = f" In orange: {listed(laws)} with its fitted parameters" if laws else ""
-    drawn += ", as dots, because it follows more than one variable." if scattered else "." if laws else ""
+    drawn += (
+        ", as dots, because it follows more than one variable, or changes within a sample."
+        if scattered
+        else "."
+        if laws
+        else ""
+    )
     place = f" ({force.recording})" if force.recording else ""
     caption = f"What the model without the effect needs in addition, smoothed, at every sample{place}.{drawn}"
     return drawing(curves.draw_force(force), f"force{index}", title, caption)
