@@ -245,10 +245,13 @@ def test_what_is_small_beside_a_name_leaves_it_likely(gain: float, low: float, h
 
 def test_what_several_names_leave_is_told_once() -> None:
     rest = remaining(25.0, 5.0)
-    share = "explains 70 % of the nats that all findings and the rest explain together"
+    share = "explains 70 % of the mismatch, counted in nats"
     one = f"{share}; a.b is the nearest known name, and what remains follows theta"
     assert _caveat("a.b", 0.7, rest, 1) == one
-    assert _caveat("a.b", 0.7, rest, 2) == f"{share}, beyond what the others take over without it"
+    assert (
+        _caveat("a.b", 0.7, rest, 2)
+        == f"{share} (what is lost without it; findings overlap, so that shares need not add up)"
+    )
     told_once = remains_of(Standings({"a.b": Standing()}, {}, rest))
     assert told_once is not None and (told_once.follows, told_once.log_likelihood_gain) == ("theta", 25.0)
     assert remains_of(Standings({"a.b": Standing()}, {}, remaining(8.0, 5.0))) is None

@@ -151,7 +151,7 @@ def _product(values: Sequence[float]) -> float:
 
 def _caveat(name: str, share: float, rest: Remainder, names: int) -> str:
     """The name is the nearest known one and not the whole answer; of several, what all of them leave is told once."""
-    of_all = f"explains {100.0 * share:.0f} % of the nats that all findings and the rest explain together"
+    of_all = f"explains {100.0 * share:.0f} % of the mismatch, counted in nats"
     if names > 1:
-        return f"{of_all}, beyond what the others take over without it"
+        return f"{of_all} (what is lost without it; findings overlap, so that shares need not add up)"
     return f"{of_all}; {name} is the nearest known name, and what remains follows {rest.follows}"
