@@ -71,7 +71,7 @@ class Size(NamedTuple):
         return next((name for name, one in channels.items() if self.state in (name, one.state)), None)
 
 
-class Law(NamedTuple):
+class LawPart(NamedTuple):
     """What a law would take of it, were disturbances held to a few times the usual."""
 
     part: float  # of the nats, 0 to 1
@@ -88,7 +88,7 @@ class LargeDisturbance:
 
     largest: Size
     nats: float
-    laws: Mapping[str, Law]  # largest first
+    laws: Mapping[str, LawPart]  # largest first
 
     @property
     def name(self) -> str:
@@ -201,14 +201,14 @@ def moved(plant: Plant) -> Sequence[str]:
     return (*plant.coordinates, *plant.first_order)
 
 
-def _laws(held: HypothesisFit, judge: Judge, nats: float) -> dict[str, Law]:
+def _laws(held: HypothesisFit, judge: Judge, nats: float) -> dict[str, LawPart]:
     """Of the library, those that take at least half of it."""
     scores = [one for one in judge.proposals(held, ()) if one.member.effect.slot != ANYTHING]
     tried = [judge.tried(held, one) for one in scores[:MOST_REFITS]]
     takes = [one for one in tried if one.gain >= LEAST_PART * nats]
     # of laws that take as much, to a hundredth, the one with fewer numbers first
     takes.sort(key=lambda one: (-round(min(one.gain / nats, 1.0), 2), len(one.effect.parameters)))
-    return {one.effect.name: Law(min(one.gain / nats, 1.0), _sizes(one)) for one in takes}
+    return {one.effect.name: LawPart(min(one.gain / nats, 1.0), _sizes(one)) for one in takes}
 
 
 def _sizes(tried: Tried) -> str:
