@@ -217,7 +217,7 @@ def main() -> None:
     """Play, draw and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=tuple(SHOWN))
-    parser.add_argument("--out", type=Path, help="docs/figures/KIND.png without")
+    parser.add_argument("--out", type=Path, help="without, the picture of this kind in the documentation")
     options = parser.parse_args()
     out = options.out or FIGURES / f"{options.kind}.png"
     style.save(draw(options.kind, played(options.kind)), out)
