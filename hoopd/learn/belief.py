@@ -67,10 +67,17 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int) -> Belief:
         missing += tuple(f"{name} may be there ({nats:.1f} nats)" for name, nats in _nearly_seen(diagnosis))
         return Belief((), sure, unknown, missing, _shown(shares))
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
-    sure = min(_among_known(one.probability or 0.0, _share_of_none(one, unknown)) for one in diagnosis.effects)
+    sure = min(_among_known(_probability(one, diagnosis), _share_of_none(one, unknown)) for one in diagnosis.effects)
     found = tuple(one.name for one in diagnosis.effects)
     unproven = tuple(one.name for one in diagnosis.effects if one.status in UNPROVEN and not one.is_unknown)
     return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence), _shown(shares), unproven)
+
+
+def _probability(finding: EffectFinding, diagnosis: Diagnosis) -> float:
+    """Of a finding; one without a law has that of what is unexplained."""
+    rest = diagnosis.unexplained
+    told = rest.probability if finding.probability is None and finding.is_unknown and rest is not None else None
+    return finding.probability or told or 0.0
 
 
 def _nearly_seen(diagnosis: Diagnosis) -> list[tuple[str, float]]:

@@ -34,7 +34,7 @@ def fallen(folder: Path, drag: float, seed: int, shake: float = 0.0) -> Path:
 
 
 def diagnosed(*paths: Path) -> Diagnosis:
-    """Without held-out data: each fall is one event."""
+    """With the last third of each held out."""
     return lab.diagnose([lab.load(str(one), plant="falling") for one in paths], plant="falling").diagnosis
 
 
@@ -43,8 +43,9 @@ def test_one_fall_through_air_is_not_explained_by_free_fall(tmp_path: Path) -> N
     assert found.verdict == "unknown_physics"
     (one,) = found.effects
     assert one.name == "unknown.body" and one.nearest == "body.quadratic_drag" and one.in_model is False
-    size = one.parameters["size"]
-    assert size.value is not None and size.nominal is not None and size.value > 3.0 * size.nominal
+    size, usual = one.parameters["size"], one.parameters["usual"]
+    assert size.value is not None and usual.value is not None and size.value > 3.0 * usual.value and size.unit == "N"
+    assert one.status == "untested"
     assert found.location.slot == "body" and found.location.channel == "h"
     assert found.unexplained is not None and found.unexplained.curve is None and lawless(found)
     # what a law would take is not called invisible, and the candidates add up with what is told

@@ -146,7 +146,7 @@ def test_what_a_saved_model_has_and_how_well_it_does_stands_beside_what_was_foun
     told = msgspec.structs.replace(diagnosis, effects=[sure, more, left], fit=table)
     # what is in the model is told, sure or not; what is not in it is not
     assert "keep the model with hoop.coulomb_friction and hoop.untested (--write" in headline.next_sentence(told)
-    assert "of the model that --write saves 91.5 %" in headline.fit_sentence(told)
+    assert "with those that --write saves 91.5 %" in headline.fit_sentence(told)
     assert "saves" not in headline.fit_sentence(diagnosis)
     assert (
         "saved model" in tables.fit("Fit", own).head

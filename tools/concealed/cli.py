@@ -161,8 +161,8 @@ def _names(text: str) -> tuple[str, ...]:
 
 def _range(text: str) -> tuple[float, float]:
     low, high = (float(one) for one in text.split(":"))
-    if not 0.0 < low < high:
-        raise argparse.ArgumentTypeError(f"{text}: LOW:HIGH with 0 < LOW < HIGH")
+    if not 1.0 <= low < high / 2.0 < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: LOW:HIGH in nats, LOW at least 1 and HIGH more than twice as much")
     return low, high
 
 

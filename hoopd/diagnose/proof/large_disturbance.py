@@ -23,13 +23,13 @@ import numpy as np
 from hoopd.diagnose.curves.missing_force import missing_force
 from hoopd.diagnose.record import NONE_OF_THESE, EffectFinding, Evidence, Location, Quantity, Unexplained
 from hoopd.diagnose.report_curves import MissingForce
-from hoopd.diagnose.search.bounded_disturbance import FAR_BEYOND, disturbance_unit, far_beyond
+from hoopd.diagnose.search.bounded_disturbance import FAR_BEYOND, far_beyond
 from hoopd.diagnose.search.candidates import Judge, Tried
 from hoopd.diagnose.search.naming import MOST_REFITS, NOT_EXCLUDED_NATS, Named
-from hoopd.plants.declaration import Plant
+from hoopd.plants.effects.usual_sizes import turns
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
-from hoopd.plants.likelihood.noise_tuning import first_noise
+from hoopd.plants.likelihood.noise_tuning import FORCE_FACTOR, first_noise
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plots.number_format import listed, value_text
 
@@ -54,8 +54,8 @@ class Size(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Of the force."""
-        return disturbance_unit(self.track.stretch.plant, self.state)
+        """Of the force, or of the rate of a first-order state."""
+        return self.track.stretch.plant.disturbance_unit(self.state)
 
     @property
     def slot(self) -> str:
@@ -102,10 +102,12 @@ class LargeDisturbance:
 
     def forces(self, base: HypothesisFit) -> list[MissingForce]:
         """The disturbance over position and rate, recording by recording."""
-        slot, coordinate = self.largest.slot, self.largest.state
-        over = [f"d{coordinate}", coordinate]
+        slot, state, plant = self.largest.slot, self.largest.state, self.largest.track.stretch.plant
+        # an angle that turns is drawn in one turn, which says nothing of one that swings
+        over = [f"d{state}", *([] if state in plant.coordinates and turns(plant, state) else [state])]
         there = [i for i, track in enumerate(base.tracks) if slot in track.stretch.plant.slots]
-        return [missing_force(base, i, slot, over) for i in there[:MOST_DRAWN]]
+        first = sorted(there, key=lambda i: base.tracks[i].stretch.recording != self.largest.track.stretch.recording)
+        return [missing_force(base, i, slot, over) for i in first[:MOST_DRAWN]]
 
     def location(self, evidence: Mapping[str, float | None]) -> Location:
         """Where it acts; `evidence`: nats by slot."""
@@ -128,14 +130,15 @@ class LargeDisturbance:
             name=self.name,
             slot=size.slot,
             parameters={
-                "size": Quantity(value=size.force, unit=size.unit, ci95=None, nominal=size.force / size.times),
+                "size": Quantity(value=size.force, unit=size.unit, ci95=None, nominal=None),
+                "usual": Quantity(value=size.force / size.times, unit=size.unit, ci95=None, nominal=None),
                 "duration": Quantity(value=size.time_s, unit="s", ci95=None, nominal=None),
             },
             evidence=Evidence(log_likelihood_gain=self.nats, threshold=NOT_EXCLUDED_NATS, heldout_gain_percent=None),
             not_excluded=[],
             statement=f"a disturbance of {self._size()}, {size.times:.0f} times the usual one, {self._laws_sentence()}",
             nearest=near,
-            explained=self.laws[near].part if near else None,
+            status="untested",
             in_model=False,
         )
 
@@ -164,48 +167,58 @@ def large_disturbance(named: Named, judge: Judge) -> LargeDisturbance | None:
     base = named.final
     if not far_beyond(base):
         return None
-    largest = max(_lasting(base), key=lambda one: one.times, default=None)
+    lasting = list(_lasting(base))
+    largest = max(lasting, key=lambda one: one.times, default=None)
     if largest is None or largest.times <= FAR_BEYOND:
         return None
-    held = held_to_usual(base)
+    held = held_to_usual(base, lasting)
     nats = held.criterion - base.criterion
     return LargeDisturbance(largest, nats, _laws(held, judge, nats)) if nats >= NOT_EXCLUDED_NATS else None
 
 
-def held_to_usual(found: HypothesisFit) -> HypothesisFit:
-    """The same hypothesis with disturbances that are at most FAR_BEYOND times the usual, readings as noisy as they
-    like."""
-    usual = first_noise(found.tracks, found.values)
-    most = {name: FAR_BEYOND * usual[name].force for name in found.noise}
-    noise = {
-        name: Noise(np.minimum(one.force, most[name]), one.time_s, one.reading) for name, one in found.noise.items()
-    }
+def held_to_usual(found: HypothesisFit, lasting: Sequence[Size]) -> HypothesisFit:
+    """The same hypothesis with the disturbances of `lasting` at most FAR_BEYOND times the usual, the others and the
+    noise of the readings as large as they like."""
+    usual, most, noise = first_noise(found.tracks, found.values), {}, {}
+    capped = {(one.track.stretch.recording, one.state) for one in lasting}
+    for recording, level in found.noise.items():
+        plant = next(track.stretch.plant for track in found.tracks if track.stretch.recording == recording)
+        times = np.array([FAR_BEYOND if (recording, x) in capped else FORCE_FACTOR for x in plant.disturbed])
+        most[recording] = times * usual[recording].force
+        noise[recording] = Noise(np.minimum(level.force, most[recording]), level.time_s, level.reading)
     stretches = [track.stretch for track in found.tracks]
     return fit(stretches, found.effects, found.values, like=found, noise=noise, free=found.free, most_force=most)
 
 
 def _lasting(found: HypothesisFit) -> Iterator[Size]:
-    """Disturbances that last for more than a few readings."""
+    """Disturbances that last for more than a few readings of what they move."""
     usual = first_noise(found.tracks, found.values)
     for recording, noise in found.noise.items():
-        track = next(one for one in found.tracks if one.stretch.recording == recording)
-        step_s = float(np.median(np.diff(track.stretch.t)))
-        states = moved(track.stretch.plant)
-        for state, force, time_s, known in zip(states, noise.force, noise.time_s, usual[recording].force, strict=True):
-            if time_s >= FEWEST_READINGS * step_s:
-                yield Size(track, state, float(force), float(time_s), float(force / known))
+        tracks = [track for track in found.tracks if track.stretch.recording == recording]
+        plant = tracks[0].stretch.plant
+        for i, state in enumerate(plant.disturbed):
+            force, time_s, known = noise.force[i], noise.time_s[i], usual[recording].force[i]
+            if time_s >= FEWEST_READINGS * _between_readings_s(tracks, state):
+                yield Size(tracks[0], state, float(force), float(time_s), float(force / known))
 
 
-def moved(plant: Plant) -> Sequence[str]:
-    """States that a disturbance moves, in its order."""
-    return (*plant.coordinates, *plant.first_order)
+def _between_readings_s(tracks: Sequence[Track], state: str) -> float:
+    """Usual time between two readings of what reads a state or its rate, of any channel where none does."""
+    channels = [*tracks[0].stretch.plant.channels.values()]
+    own = [i for i, one in enumerate(channels) if one.state in (state, f"d{state}")] or [*range(len(channels))]
+    steps = [
+        np.diff(track.stretch.t[np.isfinite(track.stretch.y[:, i])]) for track in tracks for i in own
+    ]  # fmt: skip
+    known = np.concatenate(steps)
+    return float(np.median(known)) if len(known) else np.inf
 
 
 def _laws(held: HypothesisFit, judge: Judge, nats: float) -> dict[str, LawPart]:
     """Of the library, those that take at least half of it."""
-    scores = [one for one in judge.proposals(held, ()) if one.member.effect.slot != ANYTHING]
+    scores = [one for one in judge.proposals(held, held.names) if one.member.effect.slot != ANYTHING]
     tried = [judge.tried(held, one) for one in scores[:MOST_REFITS]]
-    takes = [one for one in tried if one.gain >= LEAST_PART * nats]
+    # the best of a whole library gains some nats by chance
+    takes = [one for one in tried if one.gain >= LEAST_PART * nats and one.surprise >= NOT_EXCLUDED_NATS]
     # of laws that take as much, to a hundredth, the one with fewer numbers first
     takes.sort(key=lambda one: (-round(min(one.gain / nats, 1.0), 2), len(one.effect.parameters)))
     return {one.effect.name: LawPart(min(one.gain / nats, 1.0), _sizes(one)) for one in takes}

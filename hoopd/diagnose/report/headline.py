@@ -138,7 +138,7 @@ def fit_sentence(diagnosis: Diagnosis) -> str:
             lost.setdefault(whose, []).append(f"{name} ({one['last']:.1f} against {one['best']:.1f} %)")
     worse = "".join(f"; worse than {whose}: {listed(names)}" for whose, names in lost.items())
     saved = _mean_known([one.written for _, name, one in each_fit(diagnosis.fit.heldout) if name == channel])
-    model = "" if saved is None else f", of the model that --write saves {percent(saved)}"
+    model = "" if saved is None else f", with those that --write saves {percent(saved)}"
     return f"Fit of held-out {channel}: {figures}{model} %{worse}."
 
 

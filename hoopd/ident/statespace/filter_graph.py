@@ -159,19 +159,22 @@ def _step(system: NonlinearSystem, nu: int, count: int) -> ca.Function:
         at = as_array(t).reshape(())
         return as_symbols(of(as_array(points), as_array(u), each, at), (size, 2 * nx))  # type: ignore[arg-type]
 
-    points = _points(x, cov)
+    points, there = _points(x, cov)
     mean, off = _centred(called(system.h, points, ny))
     e = (y - mean) * known
     cross = (points - ca.repmat(x, 1, 2 * nx)) @ off.T / (2 * nx) * ca.repmat(known.T, nx, 1)
     used = (off @ off.T / (2 * nx) + system.r) * (known @ known.T) + ca.diag(1.0 - known)
     root = ca.chol(used)
     gain = ca.solve(root, ca.solve(root.T, cross.T)).T
-    x_next, off = _centred(called(system.f, _points(x + gain @ e, cov - gain @ used @ gain.T), nx))
+    moved, still = _points(x + gain @ e, cov - gain @ used @ gain.T)
+    x_next, off = _centred(called(system.f, moved, nx))
     spread = [
         ca.dot(off[i, :], off[j, :]) / (2 * nx) + system.q[i, j]
         for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
     ]  # fmt: skip
-    after = ca.vertcat(x_next, *spread)
+    # a bound of the user's (np.maximum) makes numbers of NaN again: what is lost stays lost
+    seen = there * _is_definite(root)
+    e, after = ca.if_else(seen, e, np.nan), ca.if_else(seen * still, ca.vertcat(x_next, *spread), np.nan)
     inputs = [ca.vertcat(x, low), y, known, u, t, p]
     return ca.Function("step", inputs, [after, e], {"cse": True})  # type: ignore[no-any-return]
 
@@ -185,12 +188,20 @@ def _repeated(step: ca.Function, n: int, nx: int) -> ca.Function:
     return ca.Function("over", inputs, [states[:, -1], states[:nx, :], errors])  # type: ignore[no-any-return]
 
 
-def _points(x: ca.SX, cov: ca.SX) -> ca.SX:
+def _points(x: ca.SX, cov: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Sigma points, and whether the covariance has a root."""
     ca = _casadi()
     nx = x.shape[0]
-    root = np.sqrt(nx) * ca.chol(cov).T
+    upper = ca.chol(cov)
+    root = np.sqrt(nx) * upper.T
     middle = ca.repmat(x, 1, nx)
-    return ca.horzcat(middle + root, middle - root)  # type: ignore[no-any-return]
+    return ca.horzcat(middle + root, middle - root), _is_definite(upper)
+
+
+def _is_definite(root: ca.SX) -> ca.SX:
+    """1 where the diagonal of a Cholesky factor is positive, 0 where it is not, or no number."""
+    ca = _casadi()
+    return ca.sum1(ca.diag(root) > 0) == root.shape[0]
 
 
 def _centred(values: ca.SX) -> tuple[ca.SX, ca.SX]:

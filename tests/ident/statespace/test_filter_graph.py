@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -52,6 +53,19 @@ def test_it_tells_what_numpy_tells_through_gaps_and_parts_for_several_sets() -> 
     own = filtered(system(), y, u, t, p, x0)
     np.testing.assert_allclose(errors, own.e, atol=1e-9)
     np.testing.assert_allclose(states, own.x, atol=1e-9)
+
+
+def test_what_is_lost_stays_lost_though_the_equations_bound_the_state() -> None:
+    def bounded(x: Any, u: Any, p: Any, t: float) -> Any:
+        return np.maximum(tank(x, u, p, t), 0.0)
+
+    y, u, t = record()
+    p, x0 = np.array([0.9, 1.2]), np.array([1.0, 0.8])
+    graph = filter_graph(system(bounded), y, u, t, p, x0)
+    assert graph is not None
+    broken = replace(graph, system=replace(graph.system, spread=-0.1 * np.eye(2)))
+    errors, _ = broken.run(y, u, t, p[:, None], x0[:, None])
+    assert np.isnan(errors).all()
 
 
 def branching(x: Any, u: Any, p: Any, t: float) -> Any:

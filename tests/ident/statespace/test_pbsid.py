@@ -54,7 +54,7 @@ def test_orders_that_do_not_fit_are_refused() -> None:
         pbsid(data, 1, past=60)
 
 
-def test_memory_does_not_grow_with_the_samples() -> None:
+def test_memory_is_a_handful_of_numbers_a_sample() -> None:
     peaks = []
     for data in (short := looped(6, 20_000), concatenate(*[short] * 4)):
         pbsid(data, 1)  # modules are loaded
