@@ -201,7 +201,7 @@ def _points(x: ca.SX, cov: ca.SX) -> tuple[ca.SX, ca.SX]:
 def _is_definite(root: ca.SX) -> ca.SX:
     """1 where the diagonal of a Cholesky factor is positive, 0 where it is not, or no number."""
     ca = _casadi()
-    return ca.sum1(ca.diag(root) > 0) == root.shape[0]
+    return ca.sum1(ca.diag(root) > 0) == root.shape[0]  # type: ignore[no-any-return]
 
 
 def _centred(values: ca.SX) -> tuple[ca.SX, ca.SX]:
