@@ -47,6 +47,18 @@ export class Commands {
     return answer.json();
   }
 
+  /** Something that this page's server is asked to do; its answer stands beside STOP, in `words` where it was done. */
+  async request(what, path, content, words, patience = PATIENCE_MS) {
+    try {
+      const answer = await this.post(path, content, patience);
+      this.show(answer.ok ? words(answer) : `${what}: ${answer.reason}`, answer.ok ? 'good' : 'bad');
+      return answer;
+    } catch (error) {
+      this.show(`${what}: no answer from this page’s server (${error.name})`, 'bad');
+      return { ok: false, reason: 'no answer' };
+    }
+  }
+
   async stop() {
     const begun = performance.now();
     byId('stop').classList.add('sent');

@@ -96,13 +96,8 @@ export class Compare {
   async send(what, path, content = {}) {
     const { commands } = this.page;
     commands.show(`${what} …`, 'waiting');
-    try {
-      const answer = await commands.post(`/api/compare/${path}`, content, 25000);
-      commands.show(`${what}: ${answer.ok ? 'done' : answer.reason}`, answer.ok ? 'good' : 'bad');
-      await this.ask();
-    } catch (error) {
-      commands.show(`${what}: no answer from this page’s server (${error.name})`, 'bad');
-    }
+    await commands.request(what, `/api/compare/${path}`, content, () => `${what}: done`, 25000);
+    await this.ask();
   }
 
   /** One click takes what is better; what is not is asked for once more. */

@@ -74,12 +74,7 @@ export class Experiment {
     const { commands, device } = this.page;
     commands.show('test signal: being made …', 'waiting');
     this.sent = true;
-    try {
-      const answer = await commands.post('/api/experiment/begin', { device: device.identity, kind: this.kind, numbers }, 90000);
-      commands.show(`test signal: ${answer.ok ? 'it plays' : answer.reason}`, answer.ok ? 'good' : 'bad');
-    } catch (error) {
-      commands.show(`test signal: no answer from this page’s server (${error.name})`, 'bad');
-    }
+    await commands.request('test signal', '/api/experiment/begin', { device: device.identity, kind: this.kind, numbers }, () => 'test signal: it plays', 90000);
     this.sent = false;
     return this.ask();
   }

@@ -1,6 +1,7 @@
 // What `hoopd learn` and `hoopd heal` do beside the daemon: the story so far, the versions, and what is asked of a person.
 
 import { byId, clock, element, number, say, short } from './text.js';
+import { closePage, openPage } from './viewer.js';
 
 const ASK_MS = 1500;
 const percent = share => `${number(100 * share, 0)} %`;
@@ -14,7 +15,7 @@ export class Follow {
     Object.assign(this, { page, asking: false, shown: '', told: [] });
     addEventListener('view', () => this.ask());
     setInterval(() => this.ask(), ASK_MS);
-    byId('follow-viewer-away').addEventListener('click', () => this.close());
+    byId('follow-viewer-away').addEventListener('click', () => closePage('follow-viewer'));
     this.ask();
   }
 
@@ -89,31 +90,13 @@ export class Follow {
   }
 
   opener(word, title, address) {
-    return element('button', { type: 'button', onclick: () => this.open(title, address) }, word);
+    return element('button', { type: 'button', onclick: () => openPage('follow-viewer', title, address) }, word);
   }
 
   async decide(folder, waiting, accept) {
     const { commands } = this.page;
     commands.show(`version ${waiting} …`, 'waiting');
-    try {
-      const answer = await commands.post('/api/follow/decide', { folder, number: waiting, accept });
-      commands.show(answer.ok ? answer.command : `version ${waiting}: ${answer.reason}`, answer.ok ? 'good' : 'bad');
-      await this.ask();
-    } catch (error) {
-      commands.show(`version ${waiting}: no answer from this page’s server (${error.name})`, 'bad');
-    }
-  }
-
-  open(title, address) {
-    byId('follow-viewer').hidden = false;
-    say(byId('follow-viewer-title'), title);
-    byId('follow-viewer-link').href = address;
-    byId('follow-viewer-frame').src = address;
-    byId('follow-viewer').scrollIntoView({ behavior: 'smooth', block: 'start' });
-  }
-
-  close() {
-    byId('follow-viewer').hidden = true;
-    byId('follow-viewer-frame').src = 'about:blank';
+    await commands.request(`version ${waiting}`, '/api/follow/decide', { folder, number: waiting, accept }, answer => answer.command);
+    await this.ask();
   }
 }

@@ -53,18 +53,12 @@ export class Guide {
   }
 
   async post(path, content, what) {
-    const { commands } = this.page;
-    try {
-      const answer = await commands.post(`/api/guide/${path}`, { device: this.page.device.identity, ...content }, STEP_MS);
-      commands.show(`${what}: ${answer.ok ? Number.isInteger(answer.value) ? `version ${answer.value}` : answer.value ?? 'plays' : answer.reason}`, answer.ok ? 'good' : 'bad');
-      return answer;
-    } catch (error) {
-      commands.show(`${what}: no answer from this page’s server (${error.name})`, 'bad');
-      return { ok: false, reason: 'no answer' };
-    } finally {
-      this.busy = '';
-      await this.ask();
-    }
+    const { commands, device } = this.page;
+    const done = ({ value }) => `${what}: ${Number.isInteger(value) ? `version ${value}` : value ?? 'plays'}`;
+    const answer = await commands.request(what, `/api/guide/${path}`, { device: device.identity, ...content }, done, STEP_MS);
+    this.busy = '';
+    await this.ask();
+    return answer;
   }
 
   look(step) {

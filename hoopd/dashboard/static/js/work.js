@@ -3,6 +3,7 @@
 import { Jobs } from './jobs.js';
 import { Recordings } from './recordings.js';
 import { byId, element, say } from './text.js';
+import { closePage, openPage } from './viewer.js';
 
 const ASK_MS = 1500;
 
@@ -43,26 +44,17 @@ export class Work {
 
   /** Something is changed for who is logged in; the answer is shown beside STOP. What was made when it was done, else false. */
   async change(what, path, content) {
-    try {
-      const answer = await this.commands.post(`/api/work/${path}`, content);
-      this.commands.show(`${what}: ${answer.ok ? (answer.queued ? `waits as job ${answer.value}` : 'done') : answer.reason}`, answer.ok ? 'good' : 'bad');
-      await this.ask();
-      return answer.ok && (answer.value ?? true);
-    } catch (error) {
-      this.commands.show(`${what}: no answer from this page’s server (${error.name})`, 'bad');
-      return false;
-    }
+    const done = ({ queued, value }) => `${what}: ${queued ? `waits as job ${value}` : 'done'}`;
+    const answer = await this.commands.request(what, `/api/work/${path}`, content, done);
+    await this.ask();
+    return answer.ok && (answer.value ?? true);
   }
 
   /** A page of results, inside this one; `steps`: makes buttons that do what its commands would. */
   open(title, address, steps = () => []) {
     Object.assign(this, { steps, shown: null });
     this.renew();
-    byId('viewer').hidden = false;
-    say(byId('viewer-title'), title);
-    byId('viewer-link').href = address;
-    byId('viewer-frame').src = address;
-    byId('viewer').scrollIntoView({ behavior: 'smooth', block: 'start' });
+    openPage('viewer', title, address);
   }
 
   /** The buttons above the page that is open, as job and login are now. */
@@ -75,7 +67,6 @@ export class Work {
 
   close() {
     this.steps = () => [];
-    byId('viewer').hidden = true;
-    byId('viewer-frame').src = 'about:blank';
+    closePage('viewer');
   }
 }
