@@ -15,7 +15,6 @@ from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.finding_standings import Standing, Standings
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
-from hoopd.diagnose.proof.large_disturbance import LargeDisturbance
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.probabilities import Option, likely
 from hoopd.diagnose.proof.unknown_proof import Proven
@@ -51,9 +50,7 @@ SHOWN = ("nominal", "base", "final", "ceiling", "written")
 LEAST_TOLD = 0.01
 
 
-def verdict_of(
-    named: Named, effects: Sequence[EffectFinding], unknown: Unknown | LargeDisturbance | None, threshold: float
-) -> Verdict:
+def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
     """Unknown when what has no name is there at all; consistent when the nominal parameters are enough."""
     if unknown is not None:
         return "unknown_physics"

@@ -192,27 +192,23 @@ def _diagnosed(case: Case) -> Outcome:
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
     table = msgspec.structs.replace(table, heldout=fits_of({**said.fits, **_saved(said, runs)}) if fits else {})
     effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
-    large = _large(case, named, data) if not effects and unknown is None else None
-    if large is not None:
-        effects = [large.finding()]
     if unknown is not None:
         effects = sorted(
             [*effects, unknown_finding(unknown, fits, said)],
             key=lambda e: -(e.evidence.log_likelihood_gain or 0.0),
         )
     effects = told(effects, stand)
+    large = _large(case, named, data) if not effects else None
     shares = stand.candidates if large is None else large.shares(stand.candidates)
-    verdict = verdict_of(named, effects, unknown if large is None else large, threshold)
-    power = visible(named, case.library, threshold)
-    place = location_of(named, missing.base, unknown, verdict, () if large is not None else effects)
+    verdict = verdict_of(named, effects, unknown, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,
         verdict=verdict,
         base=base_of(case.model, named, said.kept),
-        location=place if large is None else large.location(place.evidence),
+        location=location_of(named, missing.base, unknown, verdict, effects),
         effects=effects,
         fit=table,
-        unexplained=unexplained_of(unknown, stand) if large is None else large.unexplained(),
+        unexplained=unexplained_of(unknown, stand),
         next_experiment=_played_where_recorded(next_experiment(named, apart, library, case.seed), case),
         data_quality=quality_of(
             [*case.train, *case.heldout],
@@ -231,9 +227,10 @@ def _diagnosed(case: Case) -> Outcome:
         candidates=candidates_of(named, threshold, beside_faults(shares, faults_of(effects, faults))),
         refused=refused,
         remains=remains_of(stand),
-        power={name: one for name, one in power.items() if large is None or name not in large.laws},
+        power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else [],
     )
+    diagnosis = diagnosis if large is None else large.told_in(diagnosis)
     return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress, large)
 
 

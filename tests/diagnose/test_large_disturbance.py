@@ -11,8 +11,9 @@ from shared import shared_path
 from hoopd import lab
 from hoopd.diagnose.proof.large_disturbance import FEWEST_READINGS
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis
-from hoopd.diagnose.report.headline import certainty_sentence, lawless, next_sentence, verdict_sentence
+from hoopd.diagnose.report.headline import certainty_sentence, next_sentence, verdict_sentence
 from hoopd.diagnose.report.plain_words import plain_sentence
+from hoopd.diagnose.report.sentences import lawless
 
 G, STEP_S, FINE_S = 9.81, 1.0 / 15.0, 1e-3
 

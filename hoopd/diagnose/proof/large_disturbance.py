@@ -19,9 +19,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from hoopd.diagnose.curves.missing_force import missing_force
-from hoopd.diagnose.record import NONE_OF_THESE, EffectFinding, Evidence, Location, Quantity, Unexplained
+from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding, Evidence, Location, Quantity, Unexplained
 from hoopd.diagnose.report_curves import MissingForce
 from hoopd.diagnose.search.bounded_disturbance import FAR_BEYOND, far_beyond
 from hoopd.diagnose.search.candidates import Judge, Tried
@@ -109,10 +110,18 @@ class LargeDisturbance:
         first = sorted(there, key=lambda i: base.tracks[i].stretch.recording != self.largest.track.stretch.recording)
         return [missing_force(base, i, slot, over) for i in first[:MOST_DRAWN]]
 
-    def location(self, evidence: Mapping[str, float | None]) -> Location:
-        """Where it acts; `evidence`: nats by slot."""
-        return Location(
-            slot=self.largest.slot, channel=self.largest.channel, segments=None, depends_on=[], evidence=dict(evidence)
+    def told_in(self, diagnosis: Diagnosis) -> Diagnosis:
+        """A diagnosis that found nothing, with this as all that acts."""
+        slot, channel, evidence = self.largest.slot, self.largest.channel, diagnosis.location.evidence
+        return replace(
+            diagnosis,
+            verdict="unknown_physics",
+            location=Location(slot=slot, channel=channel, segments=None, depends_on=[], evidence=evidence),
+            effects=[self.finding()],
+            unexplained=Unexplained(fires=True, slot=slot, curve=None, probability=self.probability),
+            # what a law would take is not called invisible
+            power={name: one for name, one in diagnosis.power.items() if name not in self.laws},
+            notes=[],
         )
 
     def shares(self, candidates: Mapping[str, float]) -> dict[str, float]:
@@ -156,10 +165,6 @@ class LargeDisturbance:
             f"which {told} would explain if no disturbance is larger than {FAR_BEYOND:g} times the usual; "
             "a chance push of this size and length would explain it as well, so that no law is proven"
         )
-
-    def unexplained(self) -> Unexplained:
-        """As what remains: no curve was fitted to it."""
-        return Unexplained(fires=True, slot=self.largest.slot, curve=None, probability=self.probability)
 
 
 def large_disturbance(named: Named, judge: Judge) -> LargeDisturbance | None:

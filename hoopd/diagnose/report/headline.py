@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
-from hoopd.diagnose.report.sentences import each_fit, none_of_them
+from hoopd.diagnose.report.sentences import each_fit, lawless, none_of_them
 from hoopd.plots.number_format import chance, listed, nats, percent, safe, value_text
 
 TITLES = {
@@ -41,12 +41,6 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         beside = f" beside {_names(known)}" if known else ""
         return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}."
     return _missing_sentence(diagnosis)
-
-
-def lawless(diagnosis: Diagnosis) -> bool:
-    """Whether a disturbance far beyond the usual is all that was found."""
-    rest = diagnosis.unexplained
-    return rest is not None and rest.fires and rest.curve is None and any(one.is_unknown for one in diagnosis.effects)
 
 
 def _parameters_sentence(diagnosis: Diagnosis) -> str:

@@ -21,6 +21,8 @@ from hoopd.plots.number_format import listed, nats
 FITS = "NRMSE percent, 100 is perfect, in {windows}; each starts from its own estimated state."
 # Where nats, slots and the rest are explained.
 WORDS = ("words", "What the words mean")
+NOTHING_ELSE = "Nothing else in the library explains the recordings nearly as well."
+FREE = "As long as a disturbance may be anything, no law of the library explains the recordings better."
 MOST_COMPARISONS = 6  # a page that is sent by mail has no room for more
 Part = Callable[[Diagnosis, Shown], str]
 
@@ -121,14 +123,8 @@ def _one_force(index: int, force: MissingForce) -> str:
     over = listed(one.name for one in force.regressors)
     what = "Error of the readings" if force.reading else "Missing force"
     title = f"{what} in slot {force.slot}" + (f" over {over}" if over else "")
-    drawn = f" In orange: {listed(laws)} with its fitted parameters" if laws else ""
-    drawn += (
-        ", as dots, because it follows more than one variable, or changes within a sample."
-        if scattered
-        else "."
-        if laws
-        else ""
-    )
+    dots = ", as dots, because it follows more than one variable, or changes within a sample" if scattered else ""
+    drawn = f" In orange: {listed(laws)} with its fitted parameters{dots}." if laws else ""
     place = f" ({force.recording})" if force.recording else ""
     caption = f"What the model without the effect needs in addition, smoothed, at every sample{place}.{drawn}"
     return drawing(curves.draw_force(force), f"force{index}", title, caption)
@@ -177,12 +173,7 @@ def _alternatives(diagnosis: Diagnosis, shown: Shown) -> str:
     open_names = [name for one in effects for name in (*one.not_excluded, *(other.name for other in one.alternatives))]
     body = table(tables.alternatives(diagnosis))
     if effects and not body:
-        free = "As long as a disturbance may be anything, no law of the library explains the recordings better."
-        body = paragraph(
-            free
-            if headline.lawless(diagnosis)
-            else "Nothing else in the library explains the recordings nearly as well."
-        )
+        body = paragraph(FREE if words.lawless(diagnosis) else NOTHING_ELSE)
     if any(one.log_likelihood_gain is not None for one in diagnosis.candidates):
         drawn = figures.draw_candidates(diagnosis.candidates, effects, open_names)
         caption = (

@@ -7,8 +7,8 @@ at all, which the gain over what chance reaches tells, and which law it follows,
 from __future__ import annotations
 
 from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
-from hoopd.diagnose.report.headline import MOST_TOLD, kept, lawless, verdict_sentence
-from hoopd.diagnose.report.sentences import LEAST_LIKELY
+from hoopd.diagnose.report.headline import MOST_TOLD, kept, verdict_sentence
+from hoopd.diagnose.report.sentences import LEAST_LIKELY, lawless
 from hoopd.plots.number_format import chance, listed, safe
 
 # Nats beyond what is needed, from which on a doubt is one in 20 000, and one in 20.

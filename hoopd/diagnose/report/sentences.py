@@ -78,10 +78,16 @@ def _when(location: Location, window_s: Number) -> str:
     return f"at {listed(spans[:MANY])}{more}" if spans else "in no interval of its own"
 
 
+def lawless(diagnosis: Diagnosis) -> bool:
+    """Whether a disturbance far beyond the usual is all that was found."""
+    rest = diagnosis.unexplained
+    return rest is not None and rest.fires and rest.curve is None and any(one.is_unknown for one in diagnosis.effects)
+
+
 def unexplained_sentence(diagnosis: Diagnosis) -> str:
     """What the library has no name for; empty when nothing is left."""
     rest = diagnosis.unexplained
-    if rest is None or not rest.fires or (rest.curve is None and rest.share is None):
+    if rest is None or not rest.fires or lawless(diagnosis):
         return ""
     part = f"{share(rest.share)} of what the re-fitted base leaves unexplained" if rest.share is not None else "A part"
     where = f" in slot {rest.slot}" if rest.slot else ""

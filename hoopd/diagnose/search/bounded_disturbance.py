@@ -64,9 +64,8 @@ def unexplained_sentences(found: HypothesisFit) -> list[str]:
     usual, out = first_noise(found.tracks, found.values), []
     plants = {track.stretch.recording: track.stretch.plant for track in found.tracks}
     for recording, noise in found.noise.items():
-        plant = plants[recording]
-        moved = (*plant.coordinates, *plant.first_order)
-        for name, size, time_s, known in zip(moved, noise.force, noise.time_s, usual[recording].force, strict=True):
+        plant, least = plants[recording], usual[recording].force
+        for name, size, time_s, known in zip(plant.disturbed, noise.force, noise.time_s, least, strict=True):
             if size > FAR_BEYOND * known:
                 force = f"{size:.3g} {disturbance_unit(plant, name)}".rstrip()
                 out.append(
