@@ -18,6 +18,7 @@ from hoopd.commands.output import check_json
 from hoopd.commands.step_commands import StepError
 from hoopd.files.campaign_progress import LOCK, TAKEN, BelievedRun
 from hoopd.files.folder_lock import alone_in
+from hoopd.files.json_files import read_json, write_json
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
 from hoopd.learn.belief import Belief
@@ -25,9 +26,7 @@ from hoopd.learn.campaign import (
     Campaign,
     CampaignRequest,
     DiagnosedRun,
-    read_json,
     recorded_s,
-    write_json,
 )
 from hoopd.learn.choice import ChosenRun
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S

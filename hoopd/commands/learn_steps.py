@@ -13,7 +13,8 @@ from typing import Any
 
 from hoopd.commands.options.learn import LearnOptions
 from hoopd.commands.step_commands import run_step
-from hoopd.learn.campaign import Campaign, RunFiles, read_json
+from hoopd.files.json_files import read_json
+from hoopd.learn.campaign import Campaign, RunFiles
 from hoopd.learn.choice import ChosenRun
 from hoopd.shell.child import end_with_parent
 

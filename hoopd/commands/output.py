@@ -135,11 +135,9 @@ def write_json(path: Path | None, result: dict[str, Any]) -> None:
     """The result as JSON, when a path is given: the whole file or none."""
     if path is None:
         return
-    import msgspec
+    from hoopd.files import json_files
 
-    from hoopd.files.whole_files import replace_file
-
-    replace_file(path, msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
+    json_files.write_json(path, result)
 
 
 def check_json(path: Path | None) -> None:

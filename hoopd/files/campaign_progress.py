@@ -10,8 +10,7 @@ from typing import Literal
 
 import msgspec
 
-from hoopd.files.reading import InputError
-from hoopd.files.whole_files import file_bytes, replace_file
+from hoopd.files.json_files import read_json, write_json
 
 PROGRESS = "progress.json"
 LOCK, TAKEN = ".learning", "another hoopd learn is at work here"
@@ -44,14 +43,10 @@ class CampaignProgress(msgspec.Struct, kw_only=True):
 def read_progress(folder: Path) -> CampaignProgress:
     """Of a campaign's folder; an empty one where nothing was told yet, InputError for a spoiled one."""
     path = folder / PROGRESS
-    if not path.exists():
-        return CampaignProgress()
-    try:
-        return msgspec.json.decode(file_bytes(path), type=CampaignProgress)
-    except msgspec.MsgspecError as error:
-        raise InputError(path, "", str(error)) from None
+    told: CampaignProgress = read_json(path, CampaignProgress) if path.exists() else CampaignProgress()
+    return told
 
 
 def write_progress(folder: Path, progress: CampaignProgress) -> None:
     """The whole file."""
-    replace_file(folder / PROGRESS, msgspec.json.format(msgspec.json.encode(progress), indent=2) + b"\n")
+    write_json(folder / PROGRESS, progress)

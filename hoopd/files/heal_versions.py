@@ -26,8 +26,9 @@ from typing import Any, Literal
 import msgspec
 
 from hoopd.files.folder_lock import alone_in, is_taken
+from hoopd.files.json_files import read_json, write_json
 from hoopd.files.reading import InputError
-from hoopd.files.whole_files import file_bytes, replace_file
+from hoopd.files.whole_files import begin_folder, file_bytes, replace_file
 
 State = Literal[
     "diagnosing", "proving", "proposed", "trying", "accepted", "left", "refused", "went_back", "rolled_back"
@@ -101,12 +102,7 @@ class VersionFolder:
             if loop.device != device:
                 raise InputError(path, "device", f"is of {loop.device}, not {device}: another --out")
             return loop
-        if self.folder.exists() and any(self.folder.iterdir()):
-            raise InputError(self.folder, "--out", "holds other files and no versions")
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(self.folder, "--out", (error.strerror or "cannot be made").lower()) from None
+        begin_folder(self.folder, "--out", "versions")
         return self._keep_loop(HealedLoop(device=device))
 
     def loop(self) -> HealedLoop:
@@ -114,7 +110,7 @@ class VersionFolder:
         path = self.folder / "heal.json"
         if not path.exists():
             raise InputError(self.folder, "--out", "holds no versions: hoopd heal has not been here")
-        loop: HealedLoop = _decoded(path, HealedLoop)
+        loop: HealedLoop = read_json(path, HealedLoop)
         return loop
 
     def watching(self) -> AbstractContextManager[None]:
@@ -139,7 +135,7 @@ class VersionFolder:
         path = self.of(number) / "version.json"
         if not path.exists():
             raise InputError(self.folder, str(number), "no such version; `hoopd heal list` has them")
-        version: HealVersion = _decoded(path, HealVersion)
+        version: HealVersion = read_json(path, HealVersion)
         return version
 
     def every(self) -> Iterator[HealVersion]:
@@ -172,7 +168,7 @@ class VersionFolder:
         """Write a version down, with what happened to it."""
         if what:
             version.history = [*version.history, (at, what)]
-        _encode(self.of(version.number) / "version.json", version)
+        write_json(self.of(version.number) / "version.json", version)
 
     def decide(self, number: int, decision: HealDecision) -> None:
         """Lay a person's decision beside a version; InputError unless it is proposed."""
@@ -180,12 +176,16 @@ class VersionFolder:
         if version.state != "proposed":
             raise InputError(self.folder, str(number), f"is {version.state.replace('_', ' ')}, not proposed")
         self.check(number)
-        _encode(self.of(number) / DECISION, decision)
+        write_json(self.of(number) / DECISION, decision)
 
     def decision(self, number: int) -> HealDecision | None:
         """What a person decided about a version, if any did."""
         path = self.of(number) / DECISION
-        return _decoded(path, HealDecision) if path.exists() else None
+        return read_json(path, HealDecision) if path.exists() else None
+
+    def waiting(self) -> list[int]:
+        """Numbers of the versions of which a person has not decided yet."""
+        return [one.number for one in self.every() if one.state == "proposed" and self.decision(one.number) is None]
 
     def acts(self, number: int) -> None:
         """Say which version acts."""
@@ -213,16 +213,5 @@ class VersionFolder:
         return numbers[-1] + 1 if numbers else 0
 
     def _keep_loop(self, loop: HealedLoop) -> HealedLoop:
-        _encode(self.folder / "heal.json", loop)
+        write_json(self.folder / "heal.json", loop)
         return loop
-
-
-def _decoded(path: Path, kind: Any) -> Any:
-    try:
-        return msgspec.json.decode(file_bytes(path), type=kind)
-    except msgspec.MsgspecError as error:
-        raise InputError(path, "", str(error)) from None
-
-
-def _encode(path: Path, value: Any) -> None:
-    replace_file(path, msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")

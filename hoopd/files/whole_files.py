@@ -47,6 +47,16 @@ def check_target(path: Path, option: str) -> None:
         raise InputError(path, option, os_reason(error, "cannot be written")) from None
 
 
+def begin_folder(folder: Path, option: str, wanted: str) -> None:
+    """Make a folder; InputError where it cannot be, or holds something else already. `wanted`: what it will hold."""
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(folder, option, f"holds other files and no {wanted}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, option, (error.strerror or "cannot be made").lower()) from None
+
+
 def replace_file(path: Path, data: bytes) -> None:
     """Put data where path is, at once: written beside it, then renamed over it; a device or a pipe is written to."""
     try:

@@ -42,7 +42,7 @@ class LoopVersions:
     @property
     def waiting(self) -> list[int]:
         """Numbers of versions that wait for a person."""
-        return [one.number for one in self.versions if one.state == "proposed" and not self.folder.decision(one.number)]
+        return self.folder.waiting()
 
     def model(self, number: int | None = None) -> Model:
         """Of a version, of the one that acts without a number."""

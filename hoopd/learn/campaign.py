@@ -25,8 +25,9 @@ import msgspec
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import parse
 from hoopd.files.campaign_progress import read_progress, write_progress
+from hoopd.files.json_files import read_json, write_json
 from hoopd.files.reading import InputError
-from hoopd.files.whole_files import file_bytes, replace_file
+from hoopd.files.whole_files import begin_folder, file_bytes
 from hoopd.learn.belief import Belief, belief_of
 from hoopd.learn.choice import ChosenRun, first, next_choice
 
@@ -106,12 +107,7 @@ class Campaign:
         if path.exists():
             self._check_same(asked, path)
             return
-        if self.folder.exists() and any(self.folder.iterdir()):
-            raise InputError(self.folder, "--out", "holds other files and no campaign")
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(self.folder, "--out", (error.strerror or "cannot be made").lower()) from None
+        begin_folder(self.folder, "--out", "campaign")
         write_json(path, asked)
 
     def _check_same(self, asked: CampaignRequest, path: Path) -> None:
@@ -193,16 +189,3 @@ def recorded_s(files: RunFiles) -> float:
     """Seconds that a run took, from its experiment's own words."""
     told = read_json(files.experiment, dict[str, Any])
     return float(told["ended_at_s"] or 0.0)
-
-
-def read_json(path: Path, kind: Any) -> Any:
-    """A JSON file that this program wrote; InputError where somebody spoiled it."""
-    try:
-        return msgspec.json.decode(file_bytes(path), type=kind)
-    except msgspec.MsgspecError as error:
-        raise InputError(path, "", str(error)) from None
-
-
-def write_json(path: Path, value: Any) -> None:
-    """The whole file or none."""
-    replace_file(path, msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")

@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from harness.healed_rig import HealedRun, heal_run
 from hoopd.commands.heal_work import HealWorker
 from hoopd.files.heal_policy import HealPolicy
@@ -31,16 +33,11 @@ class ToldWorker(HealWorker):
         known = [one for one in model.effects if one.name != "hoop.coulomb_friction"]
         grown = EffectEntry(name="hoop.coulomb_friction", parameters={"Fc": Parameter(value=FC, unit="N m")})
         effects = known if len(known) < len(model.effects) else [*known, grown]
-        (place / "model.yaml").write_text(model_text(model.__class__(**fields(model) | {"effects": effects})))
+        (place / "model.yaml").write_text(model_text(replace(model, effects=effects)))
         self._design(place)
         told = {"hoop.coulomb_friction": {"Fc": FC}}
         sure = {"hoop.coulomb_friction": 0.9}
         return {"kind": "physics", "reason": "told", "learn": True, "effects": told, "probabilities": sure}
-
-
-def fields(model: Any) -> dict[str, Any]:
-    """Of a model's record."""
-    return {name: getattr(model, name) for name in model.__struct_fields__}
 
 
 def moved(duration_s: float) -> str:
