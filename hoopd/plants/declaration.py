@@ -214,6 +214,8 @@ class Plant:
         Where effects may sit.
     scales : mapping of str to float
         Usual sizes of states and inputs; empty: from the data.
+    recorded : frozenset of str
+        Those of `scales` that nobody said, and that follow the recordings.
     usual_force : float
         Size of the forces on the first coordinate, for a plant without inputs.
     time_scale_s : float
@@ -263,6 +265,7 @@ class Plant:
     channels: Mapping[str, Channel] = field(default_factory=dict)
     slots: Mapping[str, Slot] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; else `recorded_sizes`
+    recorded: frozenset[str] = frozenset()  # those of `scales` that nobody said
     usual_force: float = 1.0  # size of the forces on the first coordinate, for a plant without inputs
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
     least_size: float | None = None  # of a parameter, in its unit; None: as it is declared

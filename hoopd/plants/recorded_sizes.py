@@ -51,7 +51,9 @@ def with_recorded_sizes(plant: Plant, recordings: Sequence[Recording]) -> Plant:
         if f"d{name}" not in plant.scales:
             found |= _known(f"d{name}", signals, _rate)
     slots = {name: _with_speed(one, found) for name, one in plant.slots.items()}
-    return replace(plant, scales={**found, **plant.scales}, slots=slots) if found else plant
+    if not found:
+        return plant
+    return replace(plant, scales={**found, **plant.scales}, recorded=frozenset(found), slots=slots)
 
 
 def _signals(plant: Plant, name: str, recordings: Sequence[Recording]) -> Iterator[Signal]:

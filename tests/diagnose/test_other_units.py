@@ -77,7 +77,10 @@ def test_a_friction_is_found_by_sizes_that_nobody_declared() -> None:
 
 
 def judge_undeclared(friction_n: float) -> None:
-    """A thousand times as large: without a word in the file, nothing but the numbers is another."""
+    """A thousand times as large: without a word in the file, nothing but the numbers is another.
+
+    The pushes on the cart are large beside what a slow recording shows of it, which is no finding of unknown physics.
+    """
     usual, other = (diagnosed(friction_n, one, declared=False) for one in (Scale(), Scale(1.0, 1e3, 1e3)))
     assert [one.name for one in usual.effects] == [one.name for one in other.effects]
     assert [one.slot for one in usual.effects] == ["body"] * (friction_n > 0.0)

@@ -44,6 +44,7 @@ def test_sizes_and_rates_are_those_of_the_motion_and_noise_is_no_motion(by: floa
     assert undeclared_sizes(PLANT) == ("F", "x", "T") and undeclared_sizes(found) == ()
     expected = {"F": by, "x": 3.0 * by, "T": 40.0 * by, "dx": 12.0 * by}
     assert found.scales == pytest.approx(expected, rel=0.15)
+    assert found.recorded == {*expected} and not PLANT.recorded
     assert {one.speed for one in found.slots.values() if one.coordinate == "x"} == {found.scales["dx"]}
     assert motion_scale(found) == pytest.approx(2.5, rel=0.15)  # a radian of the sine in 0.25 s
 

@@ -6,7 +6,9 @@ stay within a few times the usual (and noise of the readings as large as it like
 much acts, and where. Which laws would take most of it, were disturbances usual, is told beside it; the likelihood with
 free disturbances has not chosen them, so none is named.
 
-What lasts no longer than a few readings is not told from errors of the readings that last as long: no finding.
+What lasts no longer than a few readings is not told from errors of the readings that last as long: no finding. Nor is
+there one where nobody said how far and how fast the plant usually moves: the usual is then what was recorded, of a slow
+recording less than pushes on the same plant are.
 
 Rules of this file: names stay what the search has found; there is none where this is asked.
 """
@@ -196,14 +198,14 @@ def held_to_usual(found: HypothesisFit, lasting: Sequence[Size]) -> HypothesisFi
 
 
 def _lasting(found: HypothesisFit) -> Iterator[Size]:
-    """Disturbances that last for more than a few readings of what they move."""
+    """Disturbances of a known usual size that last for more than a few readings of what they move."""
     usual = first_noise(found.tracks, found.values)
     for recording, noise in found.noise.items():
         tracks = [track for track in found.tracks if track.stretch.recording == recording]
         plant = tracks[0].stretch.plant
         for i, state in enumerate(plant.disturbed):
             force, time_s, known = noise.force[i], noise.time_s[i], usual[recording].force[i]
-            if time_s >= FEWEST_READINGS * _between_readings_s(tracks, state):
+            if plant.recorded.isdisjoint((state, f"d{state}")) and time_s >= FEWEST_READINGS * _between_readings_s(tracks, state):
                 yield Size(tracks[0], state, float(force), float(time_s), float(force / known))
 
 
