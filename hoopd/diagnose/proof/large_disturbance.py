@@ -205,7 +205,8 @@ def _lasting(found: HypothesisFit) -> Iterator[Size]:
         plant = tracks[0].stretch.plant
         for i, state in enumerate(plant.disturbed):
             force, time_s, known = noise.force[i], noise.time_s[i], usual[recording].force[i]
-            if plant.recorded.isdisjoint((state, f"d{state}")) and time_s >= FEWEST_READINGS * _between_readings_s(tracks, state):
+            lasts = time_s >= FEWEST_READINGS * _between_readings_s(tracks, state)
+            if lasts and plant.recorded.isdisjoint((state, f"d{state}")):
                 yield Size(tracks[0], state, float(force), float(time_s), float(force / known))
 
 
