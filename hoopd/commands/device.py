@@ -85,9 +85,12 @@ def learn(options: LearnOptions) -> None:
 
 def _brief(attempt: dict[str, Any]) -> dict[str, Any]:
     """A line of the table: what a terminal has room for."""
-    shown = {key: attempt[key] for key in ("turns", "least_contact", "settled_s", "success")}
     short = attempt["shortfalls"] or [attempt["ended"]]
-    return {"began": attempt["began_s"], **shown, "ended": "; ".join(short)}
+    ended = {"success": attempt["success"], "ended": "; ".join(short)}
+    if "tracking" in attempt:  # with --learn: what changes from one to the next
+        return {key: attempt[key] for key in ("tracking", "feedback_nm", "correction_nm")} | ended
+    shown = {key: attempt[key] for key in ("turns", "least_contact", "settled_s")}
+    return {"began": attempt["began_s"]} | shown | ended
 
 
 def calibrate(options: CalibrateOptions) -> None:

@@ -40,17 +40,25 @@ def run(options: ManeuverOptions) -> dict[str, Any]:
 
         check_path(options.figure)
     rig = run_options(options, arm=options.arm)
+    if options.learn:
+        from hoopd.commands.maneuver_learning import learned
+
+        result = learned(options, rig)
+        files = [Path(one["file"]) for one in result["attempts"]]
+        return _with_figure(result, options, files, load_trajectory(options.trajectory or Path()))
     if options.practice:
         return _after_practice(options, rig)
     trajectory, name = _trajectory(options, rig)
+    if options.correction is not None:
+        from hoopd.commands.maneuver_learning import with_correction
+
+        trajectory = with_correction(trajectory, options.trajectory, options.correction)
     return _played(options, rig, trajectory, name)
 
 
 def _played(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile, name: str) -> dict[str, Any]:
     result = play(AskedManeuver(trajectory, name, options.repeat), rig, Where(options.record, options.out))
-    if options.figure is not None:
-        result["notes"] += _draw(Path(result["file"]), trajectory, options.figure)
-    return result
+    return _with_figure(result, options, [Path(result["file"])], trajectory)
 
 
 def _after_practice(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
@@ -92,13 +100,18 @@ def _trajectory(options: ManeuverOptions, rig: Options) -> tuple[TrajectoryFile,
     return file, options.trajectory.name
 
 
-def _draw(recording: Path, trajectory: TrajectoryFile, path: Path) -> list[str]:
-    """The figure, or why there is none: the maneuver was played and recorded all the same."""
+def _with_figure(
+    result: dict[str, Any], options: ManeuverOptions, recordings: list[Path], trajectory: TrajectoryFile
+) -> dict[str, Any]:
+    """The figure, or a note why there is none: the maneuver was played and recorded all the same."""
+    if options.figure is None:
+        return result
     from hoopd.plots.maneuver import draw_maneuver
     from hoopd.plots.style import save
 
     try:
-        save(draw_maneuver([run for run, _ in recorded_maneuvers(read_run(recording))], trajectory), path)
+        runs = [run for one in recordings for run, _ in recorded_maneuvers(read_run(one))]
+        save(draw_maneuver(runs, trajectory), options.figure)
     except InputError as error:
-        return [f"no figure: {error}"]
-    return []
+        result["notes"].append(f"no figure: {error}")
+    return result

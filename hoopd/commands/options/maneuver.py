@@ -36,6 +36,16 @@ class ManeuverOptions:
         text="throw: so many practice throws first, from which the restitution is identified and used in the plan.",
         default=0,
     )
+    correction: Path | None = option(
+        "--correction",
+        text="Play --trajectory with what --learn wrote beside it, and leave that as it is.",
+        metavar="FILE",
+    )
+    learn: bool = option(
+        "--learn",
+        text="loop, swing: each attempt is played with what the ones before have taught, written beside --trajectory.",
+        default=False,
+    )
     sim: bool = option("--sim", text="On the simulated rig.", default=False)
     config: Path | None = config_option()
     sets: tuple[str, ...] = sets_option()

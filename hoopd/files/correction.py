@@ -1,0 +1,89 @@
+"""Files of corrections (`hoopd.correction/1`): torques beside a planned motion that its attempts have taught.
+
+Rules of this file: everything wrong in a file is one `InputError`; nothing is learned here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from hoopd.core.limits import TORQUE_LIMIT_NM
+from hoopd.core.tracker import LONGEST_PLAN_TICKS
+from hoopd.files.planned_motion import Row, Torque
+from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
+from hoopd.files.records import Strict, between
+from hoopd.files.trajectory import TrajectoryFile, rounded
+from hoopd.files.yaml_text import text_of
+
+SUFFIX = ".correction.yaml"
+
+
+class LearnedAttempt(Strict, frozen=True):
+    """What an attempt was like."""
+
+    recording: str
+    correction_nm: float  # the largest that it was played with
+    tracking: float  # root of the mean cost of being off the plan; 1: as far as the feedback's weights say
+    feedback_nm: float  # root of the mean square of the torque that feedback added
+    success: bool
+
+
+class CorrectionFile(Strict, frozen=True):
+    """`hoopd.correction/1`."""
+
+    schema: Literal["hoopd.correction/1"]
+    trajectory: str
+    trajectory_sha256: str  # of the trajectory file's bytes
+    limit_nm: float  # no torque of the correction is larger
+    torques_nm: Annotated[list[Torque], Meta(min_length=1, max_length=LONGEST_PLAN_TICKS)]
+    # mean over the attempts of what the model left unexplained, a row a tick, of (theta, dtheta, psi, dpsi)
+    unexplained: list[Row]
+    attempts: list[LearnedAttempt]
+
+
+def correction_beside(trajectory: Path) -> Path:
+    """Where the correction of a trajectory file is.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from hoopd.files.correction import correction_beside
+    >>> correction_beside(Path("plans/loop.yaml")).as_posix()
+    'plans/loop.correction.yaml'
+    """
+    return trajectory.with_name(trajectory.stem + SUFFIX)
+
+
+def load_correction(path: Path, trajectory: TrajectoryFile, trajectory_sha256: str) -> CorrectionFile:
+    """A checked correction of this very trajectory; InputError otherwise."""
+    file = to_struct(parse_yaml(read_text(path), path), CorrectionFile, path)
+    between(path, "limit_nm", file.limit_nm, 0.0, TORQUE_LIMIT_NM)
+    if file.trajectory_sha256 != trajectory_sha256:
+        raise InputError(path, "trajectory_sha256", "was learned on another trajectory: remove it, or give its own")
+    for name, rows in (("torques_nm", file.torques_nm), ("unexplained", file.unexplained)):
+        if len(rows) != len(trajectory.plan.torques_nm):
+            reason = f"has {len(rows)} rows, the plan {len(trajectory.plan.torques_nm)}"
+            raise InputError(path, name, reason)
+    for k, torque in enumerate(file.torques_nm):
+        if not abs(torque) <= file.limit_nm:
+            raise InputError(path, f"torques_nm[{k}]", f"{torque:g} N m is beyond limit_nm ({file.limit_nm:g})")
+    return file
+
+
+def corrected(trajectory: TrajectoryFile, file: CorrectionFile) -> TrajectoryFile:
+    """The trajectory as it is played with a correction: other torques, the same states."""
+    both = zip(trajectory.plan.torques_nm, file.torques_nm, strict=True)
+    torques = [min(TORQUE_LIMIT_NM, max(-TORQUE_LIMIT_NM, planned + more)) for planned, more in both]
+    plan = msgspec.structs.replace(trajectory.plan, torques_nm=rounded(torques))
+    return msgspec.structs.replace(trajectory, plan=plan)
+
+
+def correction_text(file: CorrectionFile) -> str:
+    """As YAML, a tick on a line."""
+    return "# Made by hoopd maneuver --learn: attempt again rather than change a number.\n" + text_of(
+        msgspec.to_builtins(file), default_flow_style=None, width=118
+    )
