@@ -9,6 +9,7 @@ Rules of this file: nothing is fitted here; a simulation that runs away counts a
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -115,13 +116,18 @@ def _is_centred(each: Sequence[Data]) -> bool:
 
 
 def _centred(fold: Fold, known: Sequence[Data]) -> Fold:
-    """Without the means of what is fitted; what is held back without those of the rows that are `known`."""
-    return Fold(_less(fold.fitted, _means(fold.fitted)), _less(fold.held, _means(known)))
+    """Without the means of what is fitted; what is held back without those of the rows that are `known`, or of a signal
+    that is missing in all of these, without the fitted ones'."""
+    fitted, before = _means(fold.fitted), _means(known)
+    told = tuple(np.where(np.isnan(one), other, one) for one, other in zip(before, fitted, strict=True))
+    return Fold(_less(fold.fitted, fitted), _less(fold.held, (told[0], told[1])))
 
 
 def _means(parts: Sequence[Data]) -> tuple[Array, Array]:
-    """Of inputs and outputs."""
-    u, y = (np.nanmean(np.concatenate([getattr(one, x) for one in parts]), axis=0) for x in ("u", "y"))
+    """Of inputs and outputs; NaN of one that is missing everywhere."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        u, y = (np.nanmean(np.concatenate([getattr(one, x) for one in parts]), axis=0) for x in ("u", "y"))
     return u, y
 
 

@@ -76,6 +76,16 @@ def test_of_a_short_record_nothing_is_held_back() -> None:
     assert "nothing held back" in str(model.choice)
 
 
+def test_an_output_that_is_missing_at_first_has_the_operating_point_of_the_rest() -> None:
+    """Two outputs without means, one of them recorded from the second third on."""
+    one = made([0.0, 1.0], [1.0, -0.8], 600, 0)
+    y = np.hstack([one.y, one.y]) - np.mean(one.y)
+    y[:200, 1] = np.nan
+    data = iddata(y - np.nanmean(y, axis=0), one.u - np.mean(one.u))
+    middle = heldback.folds(data)[2].held[0]
+    assert np.isfinite(middle.y).all() and abs(float(np.mean(middle.y[:, 1]))) < 1.0
+
+
 def test_models_no_worse_by_chance_are_equal_and_worse_ones_are_not() -> None:
     rng = np.random.default_rng(0)
     changes = np.full((1, 16), 100.0)
