@@ -6,7 +6,8 @@ Every rig has all its parameters a tenth off and one or two effects of the libra
 (multisine and prbs, lock-step, no pictures); `hoopd diagnose` and `hoopd fit` make a model each of that, `hoopd design
 lqg` a law for the bottom on it, `hoopd trajectory loop` a plan; then the loop is played once. It counts when it
 succeeds by the recording's judgement and, in the rig's own state, the contact was never lost. Rigs on which no loop can
-be planned even with everything known are counted apart. It prints rates with their 95 % intervals (Clopper-Pearson) and
+be planned even with everything known are counted apart. With `--json` it goes on with the rigs that the file does not
+have. It prints rates with their 95 % intervals (Clopper-Pearson) and
 why the others failed.
 """
 
@@ -22,6 +23,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +46,7 @@ from hoopd.commands.options.design import DesignOptions  # noqa: E402
 from hoopd.commands.options.diagnose import DiagnoseOptions  # noqa: E402
 from hoopd.commands.options.fit import FitOptions  # noqa: E402
 from hoopd.commands.options.trajectory import TrajectoryOptions  # noqa: E402
-from hoopd.commands.trajectory import planned  # noqa: E402
+from hoopd.commands.trajectory import PlannedFile, planned  # noqa: E402
 from hoopd.daemon.app import Options  # noqa: E402
 from hoopd.daemon.experiment import run as experiment  # noqa: E402
 from hoopd.daemon.maneuver import AskedManeuver  # noqa: E402
@@ -100,6 +102,12 @@ def nominal(files: list[str], folder: Path) -> Path:
 ARMS: dict[str, Callable[[list[str], Path], Path]] = {"found": found, "refit": refitted, "nominal": nominal}
 
 
+@cache
+def planned_nominally(kind: str) -> PlannedFile:
+    """The same for all rigs."""
+    return planned(TrajectoryOptions(kind=kind, model=NOMINAL))
+
+
 def looped(rig: SealedRig, model: Path, folder: Path, arm: str) -> dict[str, Any]:
     """Plan on a model, play once on the rig; what became of it."""
     own = folder / arm
@@ -107,7 +115,7 @@ def looped(rig: SealedRig, model: Path, folder: Path, arm: str) -> dict[str, Any
     law = own / "lqg.yaml"
     try:
         design(DesignOptions(law="lqg", model=model, out=law))
-        plan = planned(TrajectoryOptions(kind="loop", model=model))
+        plan = planned_nominally("loop") if model == NOMINAL else planned(TrajectoryOptions(kind="loop", model=model))
     except (InputError, ValueError) as error:
         return {"success": False, "why": f"no plan: {str(error)[:80]}"}
     sets = (f"sim.model={folder / 'sealed.yaml'}", f"sim.directory={own}", f"control.file={law}", "log.level=error")
@@ -197,8 +205,11 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     arms = options.arms.split(",")
-    rows = []
+    rows = json.loads(options.json.read_text()) if options.json is not None and options.json.exists() else []
+    known = {row["seed"] for row in rows}
     for seed in range(options.first, options.first + options.rigs):
+        if seed in known:
+            continue
         rows.append(run_rig(seed, arms))
         row = rows[-1]
         what = {arm: one["why"] or "looped" for arm, one in row["arms"].items()}
