@@ -10,7 +10,7 @@ from diagnose.madeup import shipped_plant, stretch_with
 
 from hoopd.diagnose.proof.experiment_menu import in_times_of
 from hoopd.diagnose.search import bounded_disturbance
-from hoopd.diagnose.search.bounded_disturbance import disturbance_unit, likeliest, unexplained_sentences
+from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sentences
 from hoopd.diagnose.search.naming import name_effects
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.loop.experiment_plan import Plan
@@ -97,10 +97,10 @@ def named_end(stretch: Stretch) -> float:
 
 
 def test_what_is_left_over_has_its_unit_where_no_input_drives_it_too() -> None:
-    """A ball that falls; nobody said what moves the current beside a voltage."""
+    """A ball that falls; what moves a current beside a voltage."""
     asked = {"falling": "h", "pendulum": "alpha", "axis": "x", "circuit": "i"}
-    told = {name: disturbance_unit(nominal_model(name).plant, state) for name, state in asked.items()}
-    assert told == {"falling": "N", "pendulum": "N m", "axis": "N", "circuit": ""}
+    told = {name: nominal_model(name).plant.disturbance_unit(state) for name, state in asked.items()}
+    assert told == {"falling": "N", "pendulum": "N m", "axis": "N", "circuit": "A/s"}
 
 
 def test_friction_is_named_and_what_is_left_over_is_told() -> None:

@@ -16,8 +16,6 @@ from dataclasses import replace
 import numpy as np
 
 from hoopd.diagnose.search.screen import Score
-from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.usual_sizes import units
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_tuning import first_noise
@@ -67,20 +65,12 @@ def unexplained_sentences(found: HypothesisFit) -> list[str]:
         plant, least = plants[recording], usual[recording].force
         for name, size, time_s, known in zip(plant.disturbed, noise.force, noise.time_s, least, strict=True):
             if size > FAR_BEYOND * known:
-                force = f"{size:.3g} {disturbance_unit(plant, name)}".rstrip()
+                force = f"{size:.3g} {plant.disturbance_unit(name)}"
                 out.append(
                     f"{recording}: a disturbance of {force} that lasts {time_s:.2g} s moves {name}, "
                     f"{size / known:.0f} times the usual: so much is explained by nothing that was named."
                 )
     return out
-
-
-def disturbance_unit(plant: Plant, name: str) -> str:
-    """Of what moves a state; empty where nobody said it: of a coordinate beside a voltage that drives another."""
-    if name == plant.driven:
-        return plant.force_unit
-    is_mechanical = name in plant.coordinates and plant.force_unit in ("", "N", "N m")
-    return units(plant, name).force if is_mechanical else ""
 
 
 def _no_more(noise: Noise, usual: Noise) -> Noise:
