@@ -62,7 +62,7 @@ WORSE = 1.2
 MARGIN_S = 1.0
 
 
-class Attempt(NamedTuple):
+class SmoothedAttempt(NamedTuple):
     """One, as the plan sees it: a row a tick."""
 
     states: Array  # (n + 1, 4) smoothed, of the plan's own zero
@@ -96,7 +96,7 @@ class _Learner:
             attempts=[],
         )
 
-    def learn(self, attempt: Attempt, *, recording: str, success: bool) -> LearnedAttempt:
+    def learn(self, attempt: SmoothedAttempt, *, recording: str, success: bool) -> LearnedAttempt:
         """One attempt more."""
         left = unexplained(self.step, attempt.states, attempt.torques)
         left += self.motion.by_estimate(attempt.estimates - attempt.states[:-1])
@@ -216,7 +216,7 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(read_text(path).encode()).hexdigest()
 
 
-def _smoothed(learner: _Learner, path: Path) -> Attempt | None:
+def _smoothed(learner: _Learner, path: Path) -> SmoothedAttempt | None:
     """The one attempt of a recording at the edges of its ticks; None where it was not played to its end."""
     run, _ = recorded_maneuvers(read_run(path))[0]
     n, tick_s = len(learner.torques), learner.trajectory.sample_time_s
@@ -226,7 +226,7 @@ def _smoothed(learner: _Learner, path: Path) -> Attempt | None:
     edges = run.t[0] + tick_s * np.arange(n + 1)
     states = _states_at(learner.found, path, edges)
     zero = np.array([run.states[0, 0], 0.0, run.bottom, 0.0])
-    return Attempt(states - zero, run.states[:n] - zero, run.torques[:n])
+    return SmoothedAttempt(states - zero, run.states[:n] - zero, run.torques[:n])
 
 
 def _states_at(found: FoundEffects, path: Path, t: Array) -> Array:

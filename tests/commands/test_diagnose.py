@@ -139,6 +139,7 @@ def test_the_model_that_was_written_loads_with_intervals_and_region(made: Path) 
     assert all(one.ci95 is not None and one.nominal is not None for one in model.parameters.values())
 
 
+@pytest.mark.proof
 def test_a_run_from_python_says_what_it_does_and_writes_the_same_bytes(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -385,6 +386,7 @@ def of_two_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.proof
 def test_a_bare_hoop_and_hoop_with_ball_are_diagnosed_together(of_two_kinds: Path) -> None:
     train, held = [str(of_two_kinds / name) for name in ("bare.csv", "run.csv")], [str(of_two_kinds / "held.csv")]
     found = run(train, held, model=MODELS / "hoop.yaml", free_run=False, without=LEFT_OUT, grammar=False)

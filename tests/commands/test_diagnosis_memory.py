@@ -40,6 +40,7 @@ def memory_in(folder: Path) -> Memory:
     return load_memory(folder / "memory.json", SUBJECT)[0]
 
 
+@pytest.mark.proof
 def test_a_memory_is_filled_counts_once_and_makes_the_next_one_surer(folder: Path) -> None:
     words = ("--memory", str(folder / "memory.json"))
     plain, alone, _ = diagnosed(folder, "run_2.csv")

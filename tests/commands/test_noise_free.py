@@ -60,7 +60,14 @@ def test_a_spike_is_found(plant: str, channel: str) -> None:
     assert np.flatnonzero(judged.outliers).tolist() == rows
 
 
-@pytest.mark.parametrize(("plant", "kind"), [("tanks", "prbs"), ("drives", "steps"), ("circuit", "decay")])
+@pytest.mark.parametrize(
+    ("plant", "kind"),
+    [
+        pytest.param("tanks", "prbs", marks=pytest.mark.proof),
+        pytest.param("drives", "steps", marks=pytest.mark.proof),
+        ("circuit", "decay"),
+    ],
+)
 def test_the_model_explains_what_it_simulated(plant: str, kind: str) -> None:
     played(plant, kind)
     assert hoopd("diagnose", "--plant", plant, "run.csv", "--no-free-run", "--json", "found.json")[0] == 0

@@ -62,6 +62,7 @@ def result(folder: Path, *words: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.proof
 def test_friction_of_the_second_drive_is_found_written_and_simulated(folder: Path) -> None:
     true = {"J": 0.012, "k": 0.6, f"{FRICTION}.Fc": 0.05}
     written(folder / "drives.csv", folder / "drives.yaml", true, (0.0, 0.3, 5e-4), 3)

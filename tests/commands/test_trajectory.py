@@ -72,6 +72,7 @@ def test_a_damaged_trajectory_and_another_maneuver_are_refused(tmp_path: Path) -
                 load_trajectory(tmp_path / "bad.yaml")
 
 
+@pytest.mark.proof
 def test_more_torque_is_planned_with_where_the_usual_does_not_do() -> None:
     """A drag that asks for more than what feedback would like to keep for itself."""
     model = load_model(defaults_folder() / "models" / "hoop.yaml")

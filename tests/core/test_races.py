@@ -10,7 +10,7 @@ from harness.sequences import CHANGES, LOADABLE, SEQUENCE, Sequence, broken, by_
 from harness.smallrig import healthy
 from hypothesis import HealthCheck, example, given, settings
 
-SAMPLE, SEQUENCES = 250, 1000
+SAMPLE, SEQUENCES = 100, 1000
 SETTINGS = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
 

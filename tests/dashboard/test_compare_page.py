@@ -37,5 +37,6 @@ def test_what_got_worse_stands_in_words_between_the_verdict_and_the_figures(tmp_
         page.ask(f"void (page.compare.ask = () => null, page.compare.last = {json.dumps({**BESIDE, **result})})")
         page.wait_for("document.querySelectorAll('#compare-table tbody tr').length === 3")
         assert "The candidate is better" in page.text("#compare-verdict")
-        assert page.text("#compare-warnings").split("\n") == result["warnings"]
+        said = page.ask("[...document.querySelectorAll('#compare-warnings > li')].map((one) => one.textContent)")
+        assert said == result["warnings"]
         assert page.ask("document.documentElement.scrollWidth - innerWidth") <= 0 and page.errors == []

@@ -87,6 +87,7 @@ def test_a_plot_is_a_page_with_the_rights_of_a_stranger(web: Served) -> None:
     assert web.ask("/api/work/plot").status == 404
 
 
+@pytest.mark.proof
 def test_two_recordings_with_no_signal_in_common_are_drawn_from_zero(folder: Path, tmp_path: Path) -> None:
     t = np.arange(50) * 0.02
     for name, column in (("hoop.csv", "theta"), ("ball.csv", "psi")):

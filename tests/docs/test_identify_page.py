@@ -51,6 +51,7 @@ def test_the_session_on_a_real_record(tmp_path: Path, monkeypatch: pytest.Monkey
     assert all((tmp_path / f"{name}.png").exists() for name in SESSION["FIGURES"])
 
 
+@pytest.mark.proof
 def test_the_commands_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "guides" / "identify.md").read_text(encoding="utf-8")
     block = re.search(r"```\n(hoopd identify run.csv.*?)```", page, re.DOTALL)

@@ -52,6 +52,7 @@ def errors(found: Study, case: SolverCase) -> np.ndarray:
     return found.across[case].largest_error(found.truth)
 
 
+@pytest.mark.proof
 def test_steps_from_sample_to_sample_converge_with_order_four(made: Study) -> None:
     worst = np.array([np.abs(made.by_step[h] - made.truth).max(axis=0) for h in STEPS_S])
     orders = np.log2(worst[:-1] / worst[1:])
@@ -59,6 +60,7 @@ def test_steps_from_sample_to_sample_converge_with_order_four(made: Study) -> No
     assert worst[1].max() < 1e-4, "the step that is used: rad and rad/s"
 
 
+@pytest.mark.proof
 def test_other_methods_agree_when_started_anew_at_every_sample(made: Study) -> None:
     """Explicit and implicit, the same to 1e-9: the answer does not depend on the solver."""
     samples = 150

@@ -41,9 +41,12 @@ def test_nothing_is_learned_where_nothing_changes(tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(1200)
-def test_killed_at_random_moments_it_leaves_what_was_accepted_loses_nothing_and_goes_on(tmp_path: Path) -> None:
-    killed = run_killed(tmp_path, kills=3, seed=1)
-    assert len(killed.at_s) == 3 and killed.wrong == (), killed.wrong
+@pytest.mark.parametrize("kills", [1, pytest.param(3, marks=pytest.mark.proof)])
+def test_killed_at_random_moments_it_leaves_what_was_accepted_loses_nothing_and_goes_on(
+    tmp_path: Path, kills: int
+) -> None:
+    killed = run_killed(tmp_path, kills=kills, seed=1)
+    assert len(killed.at_s) == kills and killed.wrong == (), killed.wrong
 
 
 @pytest.mark.proof

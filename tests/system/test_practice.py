@@ -26,6 +26,7 @@ def asked(folder: Path, restitution: float, **changes: object) -> ManeuverOption
     return ManeuverOptions(**{"kind": "throw", "out": folder / "run.mcap", **told, **changes})  # type: ignore[arg-type]
 
 
+@pytest.mark.proof
 def test_the_restitution_is_found_and_the_throw_is_planned_with_it(tmp_path: Path) -> None:
     result = run(asked(tmp_path, 0.3))
     practice = result["practice"]

@@ -80,6 +80,7 @@ def test_every_bench_that_wants_the_harness_finds_it() -> None:
         assert 'str(ROOT / "tools")' in before, path.name
 
 
+@pytest.mark.proof
 def test_memory_prints_its_slope() -> None:
     out = run_bench("memory.py", "--minutes", "0.05", "--warm-up", "0", "--every", "0.3", "--direct")
     assert "Theil-Sen slope" in out
@@ -143,6 +144,7 @@ def test_simulate_prints_every_way_and_the_bound() -> None:
     assert "the bound is 5 ms" in out
 
 
+@pytest.mark.proof
 def test_the_toolbox_stands_beside_its_peers(tmp_path: Path) -> None:
     path = tmp_path / "speed.json"
     run_here("ident_speed.py", "--runs", "1", "--samples", "20000", "--json", str(path))
@@ -152,6 +154,7 @@ def test_the_toolbox_stands_beside_its_peers(tmp_path: Path) -> None:
     assert all(rows[name]["value"] < 0.05 for name in ("arx2", "armax2", "oe2"))
 
 
+@pytest.mark.proof
 def test_criteria_prints_rates_with_intervals() -> None:
     out = run_bench("ident_criteria.py", "--seeds", "1", "--only", "02,49")
     assert "1/1" in out
@@ -218,6 +221,7 @@ def test_false_alarms_tells_an_exception_from_an_alarm(
     assert "were raised: ball_unresponsive 1; exceptions: 1" in out
 
 
+@pytest.mark.proof
 def test_false_alarms_prints_its_rigs() -> None:
     out = run_bench("false_alarms.py", "--minutes", "0.3", "--only", "hoop.coulomb_friction", "--workers", "1")
     assert "hoop.coulomb_friction" in out and "were raised: none" in out

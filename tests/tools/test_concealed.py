@@ -245,6 +245,7 @@ def _reached(gram: np.ndarray) -> float:
     return float(left[0, 1] ** 2 / left[0, 0] / 2)
 
 
+@pytest.mark.proof
 def test_the_integrator_is_not_visible() -> None:
     """Over a whole calm case, both recordings of 30 s, and with the least noise that sensors have."""
     made = drawn(*[Wish("null", calm=True)] * 3)
@@ -265,6 +266,7 @@ def test_the_integrator_is_not_visible() -> None:
     assert visible(plant.SUBSTEPS // 10) > 1e-2
 
 
+@pytest.mark.proof
 def test_an_effect_of_no_size_is_not_visible(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but the effect tells a tiny one from the plain device: nats grow with the square of the size."""
     for recording in recipes.RECORDINGS:

@@ -65,6 +65,7 @@ def test_the_oracle_gains_nothing_by_nothing(short: None) -> None:
     assert channels["psi"]["with_effects"] == channels["psi"]["base_refit"]
 
 
+@pytest.mark.proof
 def test_the_oracle_knows_what_a_mechanism_remembers_where_a_window_begins(short: None) -> None:
     """A motor that is warm already: taken for cold it would be simulated hardly better than without."""
     (channels,) = told(made("outside.motor_heating", 1.0, T=6.0))["fit"]["heldout"].values()
@@ -72,6 +73,7 @@ def test_the_oracle_knows_what_a_mechanism_remembers_where_a_window_begins(short
     assert min(one["with_effects"] for one in channels.values()) > 98.0
 
 
+@pytest.mark.proof
 def test_the_nearest_name_is_the_limit_of_a_mechanism(short: None) -> None:
     """Presliding over a way of next to nothing is Coulomb's friction; over a long one it is not."""
     made_up = [made("outside.dahl", 4e-3, q=q) for q in (1e-3, 2.0)]

@@ -280,6 +280,7 @@ def told_by(folder: runfolder.RunFolder, name: str) -> dict[str, Any]:
     return diagnosis
 
 
+@pytest.mark.proof
 @pytest.mark.timeout(900)  # 15 s of a processor, which other work may share
 def test_a_run_names_what_is_hidden(
     folder: runfolder.RunFolder, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

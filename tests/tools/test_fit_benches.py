@@ -149,6 +149,7 @@ def test_a_model_of_the_same_kind_is_not_written_out_again() -> None:
     assert kept[0] is kept[1]
 
 
+@pytest.mark.proof
 def test_the_fit_bench_compares_both_ways(fits: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "fit.json"
     command = [sys.executable, str(BENCH / "fit.py"), "--runs", "1", "--only", "1", "--limit", "1", "--json", str(path)]

@@ -27,6 +27,7 @@ def test_a_seed_is_a_rig_and_every_number_of_it_is_off(tmp_path: Path) -> None:
         assert {entry.name for entry in model.effects} == rig.effects.keys()
 
 
+@pytest.mark.proof
 def test_one_rig_is_recorded_planned_and_looped() -> None:
     row = bench.run_rig(1, ["nominal"])
     assert row["feasible"] and row["arms"]["nominal"]["success"], row
@@ -39,6 +40,7 @@ def test_what_the_rig_s_own_state_says_counts_too() -> None:
     assert not bench.judged({"attempts": [], "outcome": "the ball did not come to rest"}, 0.3)["success"]
 
 
+@pytest.mark.proof
 def test_the_way_up_is_drawn_with_a_ball_in_the_air_and_on_the_inner_hoop() -> None:
     sys.path.append(str(TOOLS))
     import maneuver_picture as drawn

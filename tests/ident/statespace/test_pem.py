@@ -123,6 +123,7 @@ def test_through_gaps_the_estimate_is_the_likeliest(share: float) -> None:
     assert np.allclose(bands[0].h, bands[1].h, rtol=2e-3) and np.allclose(bands[0].gain, bands[1].gain, rtol=0.03)
 
 
+@pytest.mark.proof
 def test_of_several_outputs_with_gaps_the_covariance_of_the_innovations_is_found() -> None:
     rng = np.random.default_rng(8)
     truth = replace(mimo4(), c=mimo4().c[:2], d=np.zeros((2, 2)), k=mimo4k_gain()[:, :2])

@@ -65,6 +65,7 @@ def test_what_the_report_says_is_what_the_plan_is() -> None:
     assert report["seconds"] < 1.6 and report["open_loop_end_rad"] == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.proof
 def test_the_other_way_round_is_the_mirror_image() -> None:
     one, other = loop(1).motion, loop(-1).motion
     assert other.inputs == pytest.approx(-one.inputs, abs=2e-4)
@@ -148,6 +149,7 @@ def test_its_file_holds_the_whole_plan() -> None:
     assert file.plan.suspends == ["ball_runaway"] and len(file.plan.torques_nm) <= LONGEST_PLAN_TICKS
 
 
+@pytest.mark.proof
 def test_a_sampled_model_that_loses_the_ball_asks_for_more_contact() -> None:
     wide = {name: (0.75 * value, 1.25 * value) for name, value in HOOP.values().items() if name in ("Ro", "Ih", "Ib")}
     parameters = {
