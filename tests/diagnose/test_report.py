@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -34,15 +35,32 @@ from hoopd.diagnose.record import (
     RecordingQuality,
     Refused,
 )
-from hoopd.diagnose.report import headline, plain_words, table_notes, tables
+from hoopd.diagnose.report import headline, markup, plain_words, table_notes, tables
 from hoopd.diagnose.report import sentences as words
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import WIDTH, report_console, report_text
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
+from hoopd.plots import style
 from hoopd.plots.diagnosis import draw_candidates
 from hoopd.plots.number_format import chance, interval_text, percent, short_names, value_text
 
+# Drawings are looked at by these; the others read words, and half a second a figure would be most of their time.
+DRAWN = re.compile("drawn|draws|same_bytes|same_diagnosis|well_formed|curve|figure")
+
 VOID = {"meta", "link", "br", "img"}
+
+
+@pytest.fixture(autouse=True)
+def drawn_where_it_is_looked_at(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One and the same drawing for all figures of a page whose words are read."""
+    if not DRAWN.search(request.node.name):
+        drawing = one_drawing()
+        monkeypatch.setattr(markup, "svg", lambda figure: drawing)
+
+
+@cache
+def one_drawing() -> str:
+    return markup.svg(style.figure())
 
 
 def printed(diagnosis: Diagnosis, width: int = 80) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -40,7 +41,8 @@ def motion() -> LearnedMotion:
 def attempt(correction: Array, friction_nm: float = 0.015) -> tuple[Array, Array]:
     """States and torques on a hoop with other numbers and a dry friction that nobody knows."""
     plan = planned()
-    true = FOUND._with((*FOUND.entries, FoundEffect("hoop.coulomb_friction", {"Fc": friction_nm})))
+    hidden = FoundEffect("hoop.coulomb_friction", {"Fc": friction_nm})
+    true = replace(FOUND, entries=(*FOUND.entries, hidden))
     played = PlanTracker(true).run(plan.motion.states, plan.motion.inputs + correction, plan.gains, TICK_S, 0.7, OTHER)
     return played.states, played.inputs
 
