@@ -1,6 +1,6 @@
 """Loops at the first attempt on sealed rigs: planned on what was found, on re-fitted parameters, on the nominal model.
 
-python tools/bench/maneuver.py [--rigs 100] [--first 0] [--arms found,refit,nominal] [--json FILE]
+python tools/bench/maneuver.py [--rigs 100] [--first 0] [--arms found,refit,nominal] [--feasible-only] [--json FILE]
 
 Every rig has all its parameters a tenth off and one or two effects of the library. It is recorded for 40 s
 (multisine and prbs, lock-step, no pictures); `hoopd diagnose` and `hoopd fit` make a model each of that, `hoopd design
@@ -152,22 +152,29 @@ def feasible(folder: Path, kind: str = "loop") -> bool:
     return False
 
 
-def run_rig(seed: int, arms: list[str]) -> dict[str, Any]:
+def run_rig(seed: int, arms: list[str], *, feasible_only: bool = False) -> dict[str, Any]:
     """One rig, all its arms."""
-    return attempted(sealed_rig(seed), arms, "loop", looped)
+    return attempted(sealed_rig(seed), arms, "loop", looped, feasible_only=feasible_only)
 
 
 def attempted(
-    rig: SealedRig, arms: list[str], kind: str, attempt: Callable[[SealedRig, Path, Path, str], dict[str, Any]]
+    rig: SealedRig,
+    arms: list[str],
+    kind: str,
+    attempt: Callable[[SealedRig, Path, Path, str], dict[str, Any]],
+    *,
+    feasible_only: bool = False,
 ) -> dict[str, Any]:
-    """One rig recorded, and a maneuver of this kind attempted with the model of each arm."""
+    """One rig recorded, and a maneuver of this kind attempted with the model of each arm; `feasible_only`: not on one
+    where it cannot be planned with everything known."""
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
         folder = Path(name)
         rig.write(folder / "sealed.yaml")
         row: dict[str, Any] = {"seed": rig.seed, "effects": rig.effects, "feasible": feasible(folder, kind), "arms": {}}
-        files = recorded(rig, folder) if arms != ["nominal"] else []
-        for arm in arms:
+        tried = arms if row["feasible"] or not feasible_only else []
+        files = recorded(rig, folder) if set(tried) > {"nominal"} else []
+        for arm in tried:
             try:
                 row["arms"][arm] = attempt(rig, ARMS[arm](files, folder), folder, arm)
             except (InputError, ValueError) as error:
@@ -185,10 +192,10 @@ def show(rows: list[dict[str, Any]], arms: list[str], kind: str = "loop") -> Non
     table = Table("planned on", f"{kind}s at the first attempt", "95 % interval", "of rigs without a plan")
     for arm in arms:
         told = rate(row["arms"][arm]["success"] for row in able)
-        others = sum(row["arms"][arm]["success"] for row in rows if not row["feasible"])
+        others = [row["arms"][arm]["success"] for row in rows if not row["feasible"] and arm in row["arms"]]
         interval = told["interval"] or (0.0, 1.0)
         ends = f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f} %"
-        table.add_row(arm, f"{told['k']} of {told['n']}", ends, f"{others} of {len(rows) - len(able)}")
+        table.add_row(arm, f"{told['k']} of {told['n']}", ends, f"{sum(others)} of {len(others)}")
     console.print(table)
     for arm in arms:
         for why, count in Counter(row["arms"][arm]["why"] for row in able).most_common():
@@ -202,6 +209,7 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="seed of the first rig")
     parser.add_argument("--arms", default="found,refit,nominal")
+    parser.add_argument("--feasible-only", action="store_true", help="attempt none that cannot be planned at all")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     arms = options.arms.split(",")
@@ -210,7 +218,7 @@ def main() -> None:
     for seed in range(options.first, options.first + options.rigs):
         if seed in known:
             continue
-        rows.append(run_rig(seed, arms))
+        rows.append(run_rig(seed, arms, feasible_only=options.feasible_only))
         row = rows[-1]
         what = {arm: one["why"] or "looped" for arm, one in row["arms"].items()}
         print(f"rig {seed} ({', '.join(row['effects'])}) {row['seconds']} s: {what}", file=sys.stderr, flush=True)
