@@ -173,7 +173,7 @@ def attempted(
         rig.write(folder / "sealed.yaml")
         row: dict[str, Any] = {"seed": rig.seed, "effects": rig.effects, "feasible": feasible(folder, kind), "arms": {}}
         tried = arms if row["feasible"] or not feasible_only else []
-        files = recorded(rig, folder) if set(tried) > {"nominal"} else []
+        files = recorded(rig, folder) if {*tried} - {"nominal"} else []
         for arm in tried:
             try:
                 row["arms"][arm] = attempt(rig, ARMS[arm](files, folder), folder, arm)
