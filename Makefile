@@ -28,10 +28,10 @@ sim: $(VENV)/.runtime ## run the daemon against the simulated rig (DURATION=20; 
 sim-web: $(VENV)/.runtime ## the rig with the web page beside it; prints the page's address (ARGS="--listen 127.0.0.1:8765")
 	$(RUN) tools/sim_web.py $(ARGS)
 
-test: $(VENV)/.development ## run the tests, some twelve minutes on two cores (ARGS="-k name"; the long proofs: make proof)
+test: $(VENV)/.development ## run the tests, some ten minutes on two cores, twice that on slow ones (ARGS="-k name"; the long proofs: make proof)
 	$(RUN) tools/suite.py $(ARGS)
 
-proof: $(VENV)/.development ## the long proofs, many seeds each, some five minutes (ARGS="-k name")
+proof: $(VENV)/.development ## the long proofs, many seeds each, some fifteen minutes (ARGS="-k name")
 	$(RUN) tools/suite.py --proof $(ARGS)
 
 lint: $(VENV)/.development ## style, types and import contracts

@@ -167,6 +167,7 @@ def test_every_figure_is_drawn(tmp_path: Path, plot: str) -> None:
     assert len((tmp_path / "a.png").read_bytes()) > 10_000
 
 
+@pytest.mark.proof
 def test_a_figure_repeats_its_bytes(tmp_path: Path) -> None:
     judge_figure(tmp_path, {"sample_time_s": 0.02, "delay_samples": 2})
 

@@ -77,6 +77,7 @@ def test_every_command_reads_the_model_that_has_it(folder: Path, monkeypatch: py
     assert json.loads((folder / "b.json").read_text())["effects"] == []
 
 
+@pytest.mark.proof
 def test_only_the_library_may_be_asked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     words = ("diagnose", "a.csv", "--plant", "slide.yaml", *READ, "--no-free-run", "--json", "other.json")

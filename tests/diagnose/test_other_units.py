@@ -53,6 +53,7 @@ def judge_nothing(scale: Scale) -> None:
     assert not usual.effects and not other.effects
 
 
+@pytest.mark.proof
 def test_the_same_is_found_in_milliseconds() -> None:
     judge_friction(SMALL)
 

@@ -78,6 +78,7 @@ def test_what_goes_wrong_in_a_process_is_raised_here(task: Callable[[], None], e
         computed([elsewhere, elsewhere])
 
 
+@pytest.mark.proof
 def test_two_processes_find_the_same_to_the_last_bit() -> None:
     truth = CART._replace(friction=0.1 * CART.size)
     recording, plant = recording_in(truth, Scale(), recorded(truth, 15.0)), plant_in(truth, Scale())

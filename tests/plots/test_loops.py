@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import control
 import numpy as np
+import pytest
 
 from hoopd.design.gang_of_four import gang_of_four
 from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun
@@ -41,6 +42,7 @@ def test_responses_are_nonlinear_against_linear() -> None:
     assert [axes.get_ylabel() for axes in figure.axes] == ["ball angle (rad)", "hoop speed (rad/s)", "torque (N m)"]
 
 
+@pytest.mark.proof
 def test_design_is_drawn_the_same_every_time() -> None:
     one, two = (draw_design(gang_of_four(PLANT, CONTROLLER), RUNS, 0.4, "lqg") for _ in range(2))
     assert all(rendered(one, extension) == rendered(two, extension) for extension in (".png", ".svg"))

@@ -61,6 +61,7 @@ def mcap_of(message: bytes, chunk_bytes: int, chunks: int) -> bytes:
     return bytes(out.end())  # type: ignore[no-untyped-call]
 
 
+@pytest.mark.proof
 def test_many_chunks_that_are_much_together(tmp_path: Path) -> None:
     message = container._MESSAGE.pack(5, container._MESSAGE.size - 9, 9, 0, 0, 0)  # of a channel that nobody reads
     path = tmp_path / "small.mcap"

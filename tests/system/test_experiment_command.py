@@ -174,7 +174,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert result["file"] == str(tmp_path / "run-0001.mcap") and result["next"].startswith("hoopd fit ")
 
 
-@pytest.mark.parametrize("key", [b"q", b" ", b"\x03"])
+@pytest.mark.parametrize("key", [b"q", *(pytest.param(one, marks=pytest.mark.proof) for one in (b" ", b"\x03"))])
 def test_a_key_on_the_terminal_aborts(key: bytes, tmp_path: Path) -> None:
     """The rig in real time, the program on a terminal of its own."""
     ours, theirs = pty.openpty()

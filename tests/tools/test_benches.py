@@ -53,6 +53,7 @@ def realtime(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return realtime
 
 
+@pytest.mark.proof
 def test_realtime_prints_every_figure(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     out = run_bench("realtime.py", "--seconds", "2", "--direct", "--busy", "1", "--json", str(path))
@@ -132,6 +133,7 @@ def test_experiments_prints_its_rows() -> None:
     assert "ball rad" in out and "1/1" in out
 
 
+@pytest.mark.proof
 def test_races_keep_the_rule_and_print_how_they_began() -> None:
     out = run_bench("races.py", "--races", "8", "--sequences", "20")
     assert "8 races, the rule holds" in out and "random sequences on the tick alone, the rule holds" in out

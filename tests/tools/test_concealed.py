@@ -192,6 +192,7 @@ def test_neutral_parameters_are_the_plain_device(monkeypatch: pytest.MonkeyPatch
     assert np.abs(loaded.clean - bare.clean).max() < 1e-6
 
 
+@pytest.mark.proof
 def test_every_effect_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     for recording in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, recording, 2.0)
@@ -299,6 +300,7 @@ def test_sizes_are_found_and_coarse_steps_see_the_same(short: None) -> None:
     assert fine == pytest.approx([next(iter(recipe.nats.values())) for recipe in made], rel=0.05)
 
 
+@pytest.mark.proof
 def test_an_effect_that_cannot_be_seen_keeps_its_cap_and_says_so(short: None, monkeypatch: pytest.MonkeyPatch) -> None:
     wish, cap = Wish("single", ("hoop.coulomb_friction",)), ALL["hoop.coulomb_friction"].cap
     (seen,) = cases.make([wish], 6)

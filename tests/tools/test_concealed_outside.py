@@ -151,6 +151,7 @@ def test_no_size_is_the_plain_device_to_the_bit(monkeypatch: pytest.MonkeyPatch)
     assert np.array_equal(none.rows, plain.rows, equal_nan=True)
 
 
+@pytest.mark.proof
 def test_halving_the_step_changes_little_of_what_a_mechanism_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(recipes.LENGTH_S, "train_1", 1.0)
     columns = batch_of(OUTSIDE, 3.0)
@@ -305,6 +306,7 @@ def test_every_kind_stands_on_its_page() -> None:
         assert f"| {name.removeprefix('outside.')} | {', '.join(law.slots)} | {law.formula} |" in page
 
 
+@pytest.mark.proof
 def test_the_truth_of_a_case_is_sealed_with_its_answer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in recipes.RECORDINGS:
         monkeypatch.setitem(recipes.LENGTH_S, name, 4.0)

@@ -74,6 +74,7 @@ def test_the_real_recordings_are_drawn_with_the_fit_that_they_allow(tmp_path: Pa
     assert all(f >= low for found, lows in zip(fits, least, strict=True) for f, low in zip(found, lows, strict=True))
 
 
+@pytest.mark.proof
 def test_same_bytes_again_in_another_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert figures(tmp_path / "a", "--only", "poles").returncode == 0
     assert here(monkeypatch, "--out", str(tmp_path / "b"), "--only", "poles") == 0

@@ -53,7 +53,8 @@ def psi_errors(detector: Detector, dpsi: float, search: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("dpsi", "limit_rad"), [(0.0, 2e-4), pytest.param(5.0, 4e-4, marks=pytest.mark.proof), (-12.0, 1e-3)]
+    ("dpsi", "limit_rad"),
+    [(0.0, 2e-4), pytest.param(5.0, 4e-4, marks=pytest.mark.proof), pytest.param(-12.0, 1e-3, marks=pytest.mark.proof)],
 )
 def test_psi_is_exact_all_round_under_lamp_gradient_noise_and_motion_blur(dpsi: float, limit_rad: float) -> None:
     errors = psi_errors(Detector(RING), dpsi, search=True)

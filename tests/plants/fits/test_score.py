@@ -45,6 +45,7 @@ def recorded(rows: int = 400, late_s: tuple[float, float] = (0.0, 0.0), moving: 
     return from_columns(columns, source="made.csv")
 
 
+@pytest.mark.proof
 def test_the_start_of_a_ball_that_goes_round_is_found() -> None:
     """Over 20 s the straight line through five noisy samples leads the search to a start 2 rad/s off."""
     t, u, rng = 0.02 * np.arange(1000), 0.5 * two_level_torque(1000, 1), np.random.default_rng(0)
