@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.daemon.app import Options
-from hoopd.daemon.maneuver import AskedManeuver, recorded_maneuvers
+from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver, recorded_maneuvers
 from hoopd.daemon.maneuver import run as play
 from hoopd.daemon.recording_target import Where
 from hoopd.diagnose.inputs import source_of
@@ -37,7 +37,7 @@ from hoopd.files.correction import (
 from hoopd.files.reading import InputError, read_text
 from hoopd.files.shipped import or_shipped
 from hoopd.files.trajectory import TrajectoryFile, load_trajectory, rounded
-from hoopd.files.whole_files import replace_file
+from hoopd.files.whole_files import check_target, replace_file
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.maneuver.iterative_learning import (
     LearnedMotion,
@@ -98,8 +98,9 @@ class _Learner:
 
     def learn(self, attempt: SmoothedAttempt, *, recording: str, success: bool) -> LearnedAttempt:
         """One attempt more."""
-        left = unexplained(self.step, attempt.states, attempt.torques)
-        left += self.motion.by_estimate(attempt.estimates - attempt.states[:-1])
+        tick_s = self.trajectory.sample_time_s
+        left = unexplained(self.step, attempt.states, attempt.torques, tick_s)
+        left += self.motion.by_estimate(attempt.estimates - attempt.states[:-1], tick_s)
         off = attempt.states[1:] - self.states[1:]
         before = np.array(self.file.torques_nm)
         one = LearnedAttempt(
@@ -128,8 +129,10 @@ class _Learner:
 def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
     """Attempts with what was learned in between; the result as plain data, with its exit code. InputError."""
     learner = _learner(options)
+    for k in range(options.repeat):
+        _where(options, k).check()
     rows: list[dict[str, Any]] = []
-    outcome, best, of_best = "done", math.inf, learner.file
+    outcome, best, of_best = DONE_ALL, math.inf, learner.file
     for k in range(options.repeat):
         played_with = learner.file
         result = _attempt(options, rig, corrected(learner.trajectory, played_with), k)
@@ -140,16 +143,17 @@ def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
             break
         one = learner.learn(attempt, recording=Path(result["file"]).name, success=rows[-1]["success"])
         rows[-1] |= {"tracking": one.tracking, "feedback_nm": one.feedback_nm, "correction_nm": one.correction_nm}
-        worse = one.tracking > WORSE * best
-        if worse:
+        if one.tracking > WORSE * best:
             learner.file = msgspec.structs.replace(of_best, attempts=learner.file.attempts)
             outcome = f"attempt {k + 1} was worse than the best before it: the correction of that one stays"
         elif one.tracking < best:
             best, of_best = one.tracking, played_with
         learner.write()
-        if worse:
+        if result["outcome"] not in (DONE_ALL, NOT_ALL):  # somebody or something ended the run
+            outcome = result["outcome"]
+        if outcome != DONE_ALL:
             break
-    if not rows[-1]["success"] and outcome == "done":
+    if not rows[-1]["success"] and outcome == DONE_ALL:
         outcome = "the last attempt did not succeed"
     return {
         "maneuver": learner.trajectory.maneuver,
@@ -162,7 +166,7 @@ def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
         "correction": str(learner.target),
         "correction_limit_nm": learner.file.limit_nm,
         "notes": [],
-        "exit": 0 if outcome == "done" else 1,
+        "exit": 0 if outcome == DONE_ALL else 1,
     }
 
 
@@ -179,11 +183,14 @@ def _learner(options: ManeuverOptions) -> _Learner:
         raise InputError("--learn", "", f"goes with {LOOP} and {SWING}: in a flight the ball is not moved by the hoop")
     if options.trajectory is None:
         raise InputError("--learn", "", "needs --trajectory FILE: the correction is written beside it")
+    if options.practice:
+        raise InputError("--learn", "", "goes without --practice, which plans a throw")
     if options.correction is not None:
         raise InputError("--learn", "", "goes on with the correction beside the trajectory: without --correction")
     trajectory = load_trajectory(options.trajectory)
     if trajectory.maneuver != options.kind:
         raise InputError(options.trajectory, "maneuver", f"is a {trajectory.maneuver}, no {options.kind}")
+    check_target(correction_beside(options.trajectory), "--learn")
     return _Learner(trajectory, options.trajectory, planned_on(trajectory, options.trajectory))
 
 
@@ -200,10 +207,14 @@ def planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
 
 def _attempt(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile, k: int) -> dict[str, Any]:
     """One run: its own file, and on the rig its own noise."""
-    out, name = options.out, "" if options.trajectory is None else options.trajectory.name
-    if out is not None:
-        out = out.with_name(f"{out.stem}_{k + 1}{out.suffix}")
-    return play(AskedManeuver(trajectory, name), rig._replace(seed=rig.seed + k), Where(options.record, out))
+    name = "" if options.trajectory is None else options.trajectory.name
+    return play(AskedManeuver(trajectory, name), rig._replace(seed=rig.seed + k), _where(options, k))
+
+
+def _where(options: ManeuverOptions, k: int) -> Where:
+    """Recordings of attempts stand side by side."""
+    out = options.out
+    return Where(options.record, None if out is None else out.with_name(f"{out.stem}_{k + 1}{out.suffix}"))
 
 
 def _not_begun(result: dict[str, Any]) -> dict[str, Any]:

@@ -41,6 +41,8 @@ from hoopd.shell.config import Config, SimEffect
 
 # A repeat of one maneuver at most as long as it may take: rest, plan, brake of one that is given up, settling.
 BRAKE_S = 4.0
+# How a run ends that nobody and nothing ended early.
+DONE_ALL, NOT_ALL = "done", "not every maneuver succeeded"
 # A throw to be looked into: from so many ticks before its flight, for so many; bounces are no other throw.
 BEFORE_TICKS, THROW_TICKS, APART_S = 2, 22, 1.0
 
@@ -139,7 +141,7 @@ def _told(
     return {
         "maneuver": trajectory.maneuver,
         "trajectory": asked.name,
-        "outcome": conductor.outcome or ("done" if succeeded == asked.repeat else "not every maneuver succeeded"),
+        "outcome": conductor.outcome or (DONE_ALL if succeeded == asked.repeat else NOT_ALL),
         "asked_for": asked.repeat,
         "played": len(attempts),
         "succeeded": succeeded,

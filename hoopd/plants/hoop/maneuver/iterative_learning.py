@@ -35,7 +35,7 @@ EFFORT = 0.1
 LEAST_WEIGHT = 0.3
 
 
-def unexplained(step: ca.Function, states: Array, torques: Array) -> Array:
+def unexplained(step: ca.Function, states: Array, torques: Array, tick_s: float) -> Array:
     """What a model does not explain of an attempt.
 
     Parameters
@@ -46,6 +46,8 @@ def unexplained(step: ca.Function, states: Array, torques: Array) -> Array:
         Of the attempt, smoothed, at the edges of the ticks.
     torques : ndarray, shape (n,)
         That were asked for, N m.
+    tick_s : float
+        Length of a tick, s.
 
     Returns
     -------
@@ -53,10 +55,10 @@ def unexplained(step: ca.Function, states: Array, torques: Array) -> Array:
         In the units of the state, low-pass filtered forwards and backwards.
     """
     after = np.array([step(x, u)[0].full().ravel() for x, u in zip(states[:-1], torques, strict=True)])
-    return believed(states[1:] - after)
+    return believed(states[1:] - after, tick_s)
 
 
-def believed(w: Array, tick_s: float = 0.02) -> Array:
+def believed(w: Array, tick_s: float) -> Array:
     """Rows (n, 4) without what is faster than BELIEVED_HZ, no later than before; short ones as they are."""
     highest = 0.5 / tick_s
     if highest <= BELIEVED_HZ or len(w) < 12:
@@ -83,9 +85,9 @@ class LearnedMotion:
         a, b = np.array([one[1].full() for one in parts]), np.array([one[2].full().ravel() for one in parts])
         return cls(a - b[:, :, None] * gains[:, None, :], b, gains, weights)
 
-    def by_estimate(self, error: Array) -> Array:
+    def by_estimate(self, error: Array, tick_s: float) -> Array:
         """(n, 4) what feedback does for errors (n, 4) of the estimate, filtered as what the model leaves."""
-        return believed(-self.driven * np.sum(self.gains * error, axis=1)[:, None])
+        return believed(-self.driven * np.sum(self.gains * error, axis=1)[:, None], tick_s)
 
     def off_plan(self, correction: Array, w: Array) -> Array:
         """(n, 4) how far off the plan the ends of the ticks are."""
