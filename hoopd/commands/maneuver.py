@@ -44,8 +44,8 @@ def run(options: ManeuverOptions) -> dict[str, Any]:
         from hoopd.commands.maneuver_learning import learned
 
         result = learned(options, rig)
-        files = [Path(one["file"]) for one in result["attempts"]]
-        return _with_figure(result, options, files, load_trajectory(options.trajectory or Path()))
+        trajectory, _ = _trajectory(options, rig)
+        return _with_figure(result, options, [Path(one["file"]) for one in result["attempts"]], trajectory)
     if options.practice:
         return _after_practice(options, rig)
     trajectory, name = _trajectory(options, rig)
@@ -63,6 +63,8 @@ def _played(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile, 
 
 def _after_practice(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
     """Practice throws with long bounces, the restitution that they show, and the throw that is planned with it."""
+    if options.correction is not None:
+        raise InputError("--practice", "", "plans anew: without --correction, which is of a plan from before")
     if options.kind != THROW or options.trajectory is not None:
         raise InputError("--practice", "", "goes with throw, and plans it anew: without --trajectory")
     path = filter_model(rig)

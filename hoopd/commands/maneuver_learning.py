@@ -1,32 +1,35 @@
 """`hoopd maneuver --learn`: attempts one after another, each played with what the ones before have taught.
 
-An attempt is a run of its own, recorded and judged as every maneuver. Its motion is smoothed by the likelihood that a
-diagnosis uses, on the model of the plan; what that model leaves unexplained goes into the correction beside the
-trajectory. An attempt that was given up teaches nothing, and ends it; one that is worse than the best so far ends it
-with the correction of the best.
+An attempt is a run of its own, recorded and judged as every maneuver. What the plan's model leaves unexplained of it
+goes into the correction beside the trajectory. An attempt that was not played to its end, or in which the ball left the
+hoop, teaches nothing and ends it; so does one that is clearly worse than the best. Then the correction of the best one
+that was played is the next one's.
 
 Rules of this file: torques of a correction stay within their limit, and everything else that bounds a maneuver stays as
-it is; the correction on the disk is always one that was played, or follows from attempts that were played to their end.
+it is; on the disk are always the next correction, and the best that was played.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.commands.options.maneuver import ManeuverOptions
+from hoopd.commands.smoothed_attempt import SmoothedAttempt, smoothed_attempt
+from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.daemon.app import Options
-from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver, recorded_maneuvers
+from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver
 from hoopd.daemon.maneuver import run as play
 from hoopd.daemon.recording_target import Where
-from hoopd.diagnose.inputs import source_of
 from hoopd.files.correction import (
+    LIMIT_SHARE,
+    BestCorrection,
     CorrectionFile,
     LearnedAttempt,
     corrected,
@@ -39,44 +42,26 @@ from hoopd.files.shipped import or_shipped
 from hoopd.files.trajectory import TrajectoryFile, load_trajectory, rounded
 from hoopd.files.whole_files import check_target, replace_file
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.maneuver.iterative_learning import (
-    LearnedMotion,
-    mean_of_attempts,
-    tracking_cost,
-    unexplained,
-)
+from hoopd.plants.hoop.loop.writeback import delays_of
+from hoopd.plants.hoop.maneuver.iterative_learning import LearnedMotion, mean_of_attempts, tracking_cost, unexplained
 from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, SWING
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
 from hoopd.plants.hoop.maneuver.trajectory import USUAL_WEIGHTS
-from hoopd.plants.likelihood.fitting import fit
 from hoopd.plants.model_file import effects_of, parse_model
-from hoopd.recording.mcap import read, read_run
 
 Array = NDArray[np.float64]
 
-# Of the torque that the plan keeps: a correction is small beside what it corrects.
-LIMIT_SHARE = 0.25
-# So much worse than the best attempt, and nothing more is tried.
-WORSE = 1.2
-# Of the recording around an attempt, s, so that the smoother knows what was before and after.
-MARGIN_S = 1.0
-
-
-class SmoothedAttempt(NamedTuple):
-    """One, as the plan sees it: a row a tick."""
-
-    states: Array  # (n + 1, 4) smoothed, of the plan's own zero
-    estimates: Array  # (n, 4) of the filter, which feedback had
-    torques: Array  # (n,) N m
+# So much worse than the best attempt, and nothing more is tried; what is nearer than CHANCE is alike.
+WORSE, CHANCE = 1.2, 0.05
+LEARNED = ("tracking", "feedback_nm", "correction_nm")
 
 
 class _Learner:
     """What is known of one trajectory."""
 
     def __init__(self, trajectory: TrajectoryFile, path: Path, model: FoundEffects) -> None:
-        self.path, self.trajectory = path, trajectory
+        self.path, self.trajectory, self.model = path, trajectory, model
         self.sha256 = _sha256(path)
-        self.found = model
         plan = trajectory.plan
         self.states, self.torques = np.array(plan.states), np.array(plan.torques_nm)
         self.step = PlanningModel(model).step(trajectory.sample_time_s)
@@ -97,63 +82,67 @@ class _Learner:
         )
 
     def learn(self, attempt: SmoothedAttempt, *, recording: str, success: bool) -> LearnedAttempt:
-        """One attempt more."""
-        tick_s = self.trajectory.sample_time_s
-        left = unexplained(self.step, attempt.states, attempt.torques, tick_s)
-        left += self.motion.by_estimate(attempt.estimates - attempt.states[:-1], tick_s)
-        off = attempt.states[1:] - self.states[1:]
-        before = np.array(self.file.torques_nm)
-        one = LearnedAttempt(
+        """Take one attempt more into the correction, and say what it was like."""
+        tick_s, file = self.trajectory.sample_time_s, self.file
+        by_estimate = self.motion.by_estimate(attempt.estimates - attempt.states[:-1], tick_s)
+        left = unexplained(self.step, attempt.states, attempt.torques, tick_s) + by_estimate
+        played = np.array(file.torques_nm)
+        told = LearnedAttempt(
             recording=recording,
-            correction_nm=_short(np.abs(before).max()),
-            tracking=_short(tracking_cost(off, USUAL_WEIGHTS)),
-            feedback_nm=_short(np.sqrt(np.mean((attempt.torques - self.torques - before) ** 2))),
+            correction_nm=_short(np.abs(played).max()),
+            tracking=_short(tracking_cost((attempt.planned_states - self.states)[1:], USUAL_WEIGHTS)),
+            feedback_nm=_short(np.sqrt(np.mean((attempt.torques - self.torques - played) ** 2))),
             success=success,
         )
-        known = np.array(self.file.unexplained) if self.file.attempts else None
-        mean = mean_of_attempts(known, len(self.file.attempts), left)
-        correction = self.motion.correction(mean, self.file.limit_nm)
+        mean = mean_of_attempts(np.array(file.unexplained) if file.attempts else None, len(file.attempts), left)
+        low = np.maximum(-file.limit_nm, -TORQUE_LIMIT_NM - self.torques)
+        high = np.minimum(file.limit_nm, TORQUE_LIMIT_NM - self.torques)
+        best = file.best
+        if best is None or told.tracking < best.tracking:
+            best = BestCorrection(tracking=told.tracking, torques_nm=file.torques_nm)
         self.file = msgspec.structs.replace(
-            self.file,
-            torques_nm=rounded(np.clip(correction, -self.file.limit_nm, self.file.limit_nm).tolist()),
+            file,
+            torques_nm=rounded(np.clip(self.motion.correction(mean, low, high), low, high).tolist()),
             unexplained=rounded(mean.tolist()),
-            attempts=[*self.file.attempts, one],
+            attempts=[*file.attempts, told],
+            best=best,
         )
-        return one
+        return told
+
+    def go_back(self) -> None:
+        """Let the next attempt be played as the best one was."""
+        if self.file.best is not None:
+            self.file = msgspec.structs.replace(self.file, torques_nm=self.file.best.torques_nm)
 
     def write(self) -> None:
-        """Beside the trajectory, at once."""
+        """Put it beside the trajectory, at once."""
         replace_file(self.target, correction_text(self.file).encode())
 
 
 def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
-    """Attempts with what was learned in between; the result as plain data, with its exit code. InputError."""
+    """Play attempts with what was learned in between; the result as plain data, with its exit code. InputError."""
     learner = _learner(options)
     for k in range(options.repeat):
         _where(options, k).check()
+    learner.write()
     rows: list[dict[str, Any]] = []
-    outcome, best, of_best = DONE_ALL, math.inf, learner.file
+    faults: dict[str, int] = {}
+    notes: dict[str, None] = {}
+    outcome = DONE_ALL
     for k in range(options.repeat):
-        played_with = learner.file
-        result = _attempt(options, rig, corrected(learner.trajectory, played_with), k)
-        rows.append({"file": result["file"], **(result["attempts"] or [_not_begun(result)])[0]})
-        attempt = _smoothed(learner, Path(result["file"])) if result["attempts"] else None
-        if attempt is None:
-            outcome = f"attempt {k + 1} was not played to its end ({rows[-1]['ended']}): nothing was learned of it"
-            break
-        one = learner.learn(attempt, recording=Path(result["file"]).name, success=rows[-1]["success"])
-        rows[-1] |= {"tracking": one.tracking, "feedback_nm": one.feedback_nm, "correction_nm": one.correction_nm}
-        if one.tracking > WORSE * best:
-            learner.file = msgspec.structs.replace(of_best, attempts=learner.file.attempts)
-            outcome = f"attempt {k + 1} was worse than the best before it: the correction of that one stays"
-        elif one.tracking < best:
-            best, of_best = one.tracking, played_with
+        result = _attempt(options, rig, learner, k)
+        told = (result["attempts"] or [_not_begun(result)])[0]
+        rows.append({**dict.fromkeys(LEARNED), "file": result["file"], **told})
+        for name, count in result["faults"].items():
+            faults[name] = faults.get(name, 0) + count
+        notes |= dict.fromkeys(result["notes"])
+        outcome = _taught(learner, result, rows[-1], k)
         learner.write()
-        if result["outcome"] not in (DONE_ALL, NOT_ALL):  # somebody or something ended the run
-            outcome = result["outcome"]
+        if outcome == DONE_ALL and not rows[-1]["success"] and not options.sim:
+            outcome = "an attempt did not succeed: look at it, and begin again, which goes on from here"
         if outcome != DONE_ALL:
             break
-    if not rows[-1]["success"] and outcome == DONE_ALL:
+    if outcome == DONE_ALL and not rows[-1]["success"]:
         outcome = "the last attempt did not succeed"
     return {
         "maneuver": learner.trajectory.maneuver,
@@ -161,20 +150,53 @@ def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
         "outcome": outcome,
         "asked_for": options.repeat,
         "played": len(rows),
-        "succeeded": sum(bool(one["success"]) for one in rows),
+        "succeeded": sum(bool(row["success"]) for row in rows),
         "attempts": rows,
         "correction": str(learner.target),
         "correction_limit_nm": learner.file.limit_nm,
-        "notes": [],
+        "faults": faults,
+        "notes": [*notes],
         "exit": 0 if outcome == DONE_ALL else 1,
     }
 
 
+def _taught(learner: _Learner, result: dict[str, Any], row: dict[str, Any], k: int) -> str:
+    """Learn from an attempt what can be; DONE_ALL, or why nothing more is tried."""
+    ended_early = result["outcome"] not in (DONE_ALL, NOT_ALL)  # by somebody or something
+    try:
+        if not result["attempts"]:
+            raise ValueError(result["outcome"])
+        if off := _off_the_way(learner.trajectory, row):
+            raise ValueError(off)
+        attempt = smoothed_attempt(Path(result["file"]), learner.trajectory, learner.model)
+    except (ValueError, InputError) as error:
+        if not ended_early:
+            learner.go_back()
+        why = f"{result['outcome']}: {error}" if ended_early and str(error) != result["outcome"] else str(error)
+        return f"nothing was learned of attempt {k + 1}: {why}"
+    best = learner.file.best
+    told = learner.learn(attempt, recording=Path(result["file"]).name, success=row["success"])
+    row |= {key: getattr(told, key) for key in LEARNED}
+    if best is not None and told.tracking > max(WORSE * best.tracking, best.tracking + CHANCE):
+        learner.go_back()
+        return f"attempt {k + 1} was worse than the best: the next one is played as that was"
+    return str(result["outcome"]) if ended_early else DONE_ALL
+
+
+def _off_the_way(trajectory: TrajectoryFile, row: dict[str, Any]) -> str:
+    """Why a ball's motion is not the model's to explain; empty where it is."""
+    if row["least_contact"] is None or row["least_contact"] <= 0.0:
+        return "the ball left the hoop"
+    wanted = trajectory.turn if trajectory.maneuver == LOOP else 0
+    return "" if row["turns"] == wanted else f"it went round {row['turns']:+d} times, not {wanted:+d}"
+
+
 def with_correction(trajectory: TrajectoryFile, path: Path | None, correction: Path) -> TrajectoryFile:
-    """A trajectory with what a correction file says of it; InputError."""
+    """The trajectory with the best correction of a file that was played, or its first one; InputError."""
     if path is None:
         raise InputError("--correction", "", "goes with --trajectory, on which it was learned")
-    return corrected(trajectory, load_correction(correction, trajectory, _sha256(path)))
+    file = load_correction(correction, trajectory, _sha256(path))
+    return corrected(trajectory, file.torques_nm if file.best is None else file.best.torques_nm)
 
 
 def _learner(options: ManeuverOptions) -> _Learner:
@@ -191,24 +213,27 @@ def _learner(options: ManeuverOptions) -> _Learner:
     if trajectory.maneuver != options.kind:
         raise InputError(options.trajectory, "maneuver", f"is a {trajectory.maneuver}, no {options.kind}")
     check_target(correction_beside(options.trajectory), "--learn")
-    return _Learner(trajectory, options.trajectory, planned_on(trajectory, options.trajectory))
+    model = _planned_on(trajectory, options.trajectory)
+    if late_s := delays_of(model).torque_s:
+        reason = f"its torque is late by {1e3 * late_s:.3g} ms: of such a plan nothing is learned yet"
+        raise InputError(options.trajectory, "model", reason)
+    return _Learner(trajectory, options.trajectory, model)
 
 
-def planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
+def _planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
     """The very model that a trajectory was planned on; InputError."""
-    model = or_shipped(path.parent / trajectory.model)
-    if not model.exists():
-        model = or_shipped(Path(trajectory.model))
-    text = read_text(model)
-    if hashlib.sha256(text.encode()).hexdigest() != trajectory.model_sha256:
-        raise InputError(path, "model", f"{trajectory.model} is no longer the model that it was planned on: plan again")
-    return effects_of(parse_model(text, model))
+    for model in (path.parent / trajectory.model, or_shipped(Path(trajectory.model))):
+        with contextlib.suppress(InputError):
+            text = read_text(model)
+            if hashlib.sha256(text.encode()).hexdigest() == trajectory.model_sha256:
+                return effects_of(parse_model(text, model))
+    raise InputError(path, "model", f"{trajectory.model} is not, or no longer, the model that it was planned on")
 
 
-def _attempt(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile, k: int) -> dict[str, Any]:
-    """One run: its own file, and on the rig its own noise."""
-    name = "" if options.trajectory is None else options.trajectory.name
-    return play(AskedManeuver(trajectory, name), rig._replace(seed=rig.seed + k), _where(options, k))
+def _attempt(options: ManeuverOptions, rig: Options, learner: _Learner, k: int) -> dict[str, Any]:
+    """One run: its own file, and on the rig its own noise, another one than of all attempts before."""
+    asked = AskedManeuver(corrected(learner.trajectory, learner.file.torques_nm), learner.path.name)
+    return play(asked, rig._replace(seed=rig.seed + len(learner.file.attempts)), _where(options, k))
 
 
 def _where(options: ManeuverOptions, k: int) -> Where:
@@ -218,38 +243,13 @@ def _where(options: ManeuverOptions, k: int) -> Where:
 
 
 def _not_begun(result: dict[str, Any]) -> dict[str, Any]:
-    """As an attempt is told."""
+    """A run without an attempt, as an attempt is told."""
     unknown = dict.fromkeys(("began_s", "turns", "least_contact", "settled_s"))
     return {**unknown, "ended": result["outcome"], "shortfalls": [], "success": False}
 
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(read_text(path).encode()).hexdigest()
-
-
-def _smoothed(learner: _Learner, path: Path) -> SmoothedAttempt | None:
-    """The one attempt of a recording at the edges of its ticks; None where it was not played to its end."""
-    run, _ = recorded_maneuvers(read_run(path))[0]
-    n, tick_s = len(learner.torques), learner.trajectory.sample_time_s
-    played = run.t < run.ended_t - 1e-9
-    if int(played.sum()) != n or len(run.t) <= n:
-        return None
-    edges = run.t[0] + tick_s * np.arange(n + 1)
-    states = _states_at(learner.found, path, edges)
-    zero = np.array([run.states[0, 0], 0.0, run.bottom, 0.0])
-    return SmoothedAttempt(states - zero, run.states[:n] - zero, run.torques[:n])
-
-
-def _states_at(found: FoundEffects, path: Path, t: Array) -> Array:
-    """(n, 4) smoothed states at times of a recording, by the model with disturbances as large as it needs."""
-    recording = read(path)
-    source = source_of(str(path), recording, found.plant)
-    begin = float(recording.t[0])
-    part = max(source.stretches, key=lambda one: len(one.t)).seconds(t[0] - begin - MARGIN_S, t[-1] - begin + MARGIN_S)
-    smooth = fit([part], found.effects(), found.values, free=(), move=False)
-    track = smooth.tracks[0]
-    at = track.stretch.t + begin
-    return np.column_stack([np.interp(t, at, track.z[:, i]) for i in range(4)])
 
 
 def _short(value: float) -> float:

@@ -5,6 +5,7 @@ Rules of this file: everything wrong in a file is one `InputError`; nothing is l
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,6 +21,8 @@ from hoopd.files.trajectory import TrajectoryFile, rounded
 from hoopd.files.yaml_text import text_of
 
 SUFFIX = ".correction.yaml"
+# Of the torque that the plan keeps: a correction is small beside what it corrects.
+LIMIT_SHARE = 0.25
 
 
 class LearnedAttempt(Strict, frozen=True):
@@ -32,6 +35,13 @@ class LearnedAttempt(Strict, frozen=True):
     success: bool
 
 
+class BestCorrection(Strict, frozen=True):
+    """That of the attempt which was nearest to the plan."""
+
+    tracking: float
+    torques_nm: list[Torque]
+
+
 class CorrectionFile(Strict, frozen=True):
     """`hoopd.correction/1`."""
 
@@ -39,10 +49,13 @@ class CorrectionFile(Strict, frozen=True):
     trajectory: str
     trajectory_sha256: str  # of the trajectory file's bytes
     limit_nm: float  # no torque of the correction is larger
+    # of the next attempt: nobody has seen them played yet, unless they are the best one's
     torques_nm: Annotated[list[Torque], Meta(min_length=1, max_length=LONGEST_PLAN_TICKS)]
-    # mean over the attempts of what the model left unexplained, a row a tick, of (theta, dtheta, psi, dpsi)
+    # of (theta, dtheta, psi, dpsi), a row a tick, what the model left unexplained and what feedback did for a wrong
+    # estimate: a mean over the attempts, in which new ones count more
     unexplained: list[Row]
     attempts: list[LearnedAttempt]
+    best: BestCorrection | None = None
 
 
 def correction_beside(trajectory: Path) -> Path:
@@ -61,22 +74,24 @@ def correction_beside(trajectory: Path) -> Path:
 def load_correction(path: Path, trajectory: TrajectoryFile, trajectory_sha256: str) -> CorrectionFile:
     """A checked correction of this very trajectory; InputError otherwise."""
     file = to_struct(parse_yaml(read_text(path), path), CorrectionFile, path)
-    between(path, "limit_nm", file.limit_nm, 0.0, TORQUE_LIMIT_NM)
+    between(path, "limit_nm", file.limit_nm, 0.0, LIMIT_SHARE * trajectory.limits.torque_nm + 1e-9)
     if file.trajectory_sha256 != trajectory_sha256:
         raise InputError(path, "trajectory_sha256", "was learned on another trajectory: remove it, or give its own")
-    for name, rows in (("torques_nm", file.torques_nm), ("unexplained", file.unexplained)):
+    torques = {"torques_nm": file.torques_nm} | ({"best.torques_nm": file.best.torques_nm} if file.best else {})
+    for name, rows in ({**torques, "unexplained": file.unexplained}).items():
         if len(rows) != len(trajectory.plan.torques_nm):
             reason = f"has {len(rows)} rows, the plan {len(trajectory.plan.torques_nm)}"
             raise InputError(path, name, reason)
-    for k, torque in enumerate(file.torques_nm):
-        if not abs(torque) <= file.limit_nm:
-            raise InputError(path, f"torques_nm[{k}]", f"{torque:g} N m is beyond limit_nm ({file.limit_nm:g})")
+    for name, rows in torques.items():
+        for k, torque in enumerate(rows):
+            if not abs(torque) <= file.limit_nm:
+                raise InputError(path, f"{name}[{k}]", f"{torque:g} N m is beyond limit_nm ({file.limit_nm:g})")
     return file
 
 
-def corrected(trajectory: TrajectoryFile, file: CorrectionFile) -> TrajectoryFile:
+def corrected(trajectory: TrajectoryFile, torques_nm: Sequence[float]) -> TrajectoryFile:
     """The trajectory as it is played with a correction: other torques, the same states."""
-    both = zip(trajectory.plan.torques_nm, file.torques_nm, strict=True)
+    both = zip(trajectory.plan.torques_nm, torques_nm, strict=True)
     torques = [min(TORQUE_LIMIT_NM, max(-TORQUE_LIMIT_NM, planned + more)) for planned, more in both]
     plan = msgspec.structs.replace(trajectory.plan, torques_nm=rounded(torques))
     return msgspec.structs.replace(trajectory, plan=plan)

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hoopd.commands import maneuver_learning
 from hoopd.commands.maneuver import run
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.trajectory import TrajectoryOptions
+from hoopd.commands.smoothed_attempt import SmoothedAttempt
 from hoopd.commands.trajectory import run as plan
 from hoopd.daemon.replay import replay
-from hoopd.files.correction import correction_beside, load_correction
+from hoopd.files.correction import CorrectionFile, correction_beside, load_correction
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import load_trajectory
+from hoopd.recording.mcap import read_run
 
 FRICTION = "sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.02}}]"
 
@@ -48,13 +55,21 @@ def test_a_friction_that_nobody_knows_is_answered_at_the_second_attempt(tmp_path
     path = tmp_path / "swing.yaml"
     kept = load_correction(correction_beside(path), load_trajectory(path), load_file_hash(path))
     assert [one.recording for one in kept.attempts] == ["run_1.mcap", "run_2.mcap"]
+    assert kept.best is not None and kept.best.tracking == second["tracking"]
     again = run(options(tmp_path, planned, FRICTION, correction=correction_beside(path), out=tmp_path / "again.mcap"))
     assert again["exit"] == 0 and correction_beside(path).read_text(encoding="utf-8").count("recording") == 2
+    # the best that was played is played again, to the digit
+    assert played_torques(tmp_path / "again.mcap") == played_torques(tmp_path / "run_2.mcap")
+    assert played_torques(tmp_path / "again.mcap") != played_torques(tmp_path / "run_1.mcap")
+
+
+def played_torques(path: Path) -> list[float]:
+    """Of the maneuver that a run was told."""
+    texts = [command.text for inputs in read_run(path).inputs for command in inputs.commands if command.text]
+    return json.loads(texts[0])["controller"]["gains"]["torques_nm"]  # type: ignore[no-any-return]
 
 
 def load_file_hash(path: Path) -> str:
-    import hashlib
-
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -62,7 +77,82 @@ def test_an_attempt_that_is_given_up_teaches_nothing_and_ends_it(tmp_path: Path,
     weak = "sim.effects=[{name: actuator.torque_gain, parameters: {k: 0.2}}]"
     result = run(options(tmp_path, planned, weak, "sim.faults=[{kind: camera_stall, at_s: 1.8}]", learn=True, repeat=3))
     assert result["exit"] == 1 and result["played"] == 1 and "nothing was learned" in result["outcome"]
-    assert not correction_beside(tmp_path / "swing.yaml").exists()
+    path = tmp_path / "swing.yaml"
+    assert load_correction(correction_beside(path), load_trajectory(path), load_file_hash(path)).attempts == []
+
+
+def canned(monkeypatch: pytest.MonkeyPatch, tracking: list[float], ended: dict[int, dict[str, Any]]) -> list[float]:
+    """Attempts that are told, not played: how far off the plan each is; the largest correction of each is noted."""
+    seen: list[float] = []
+
+    def play(asked: Any, rig: Any, where: Any) -> dict[str, Any]:
+        seen.append(max(abs(a - b) for a, b in zip(asked.trajectory.plan.torques_nm, PLANNED, strict=True)))
+        k = len(seen) - 1
+        row = {"began_s": 1.0, "turns": 0, "least_contact": 0.5, "settled_s": 0.0, "ended": "done", "shortfalls": []}
+        told = {**row, "success": True, **ended.get(k, {}).get("row", {})}
+        outcome = ended.get(k, {}).get("outcome", "done")
+        return {"attempts": [told], "outcome": outcome, "file": f"{k}.mcap", "faults": {}, "notes": ["a note"]}
+
+    def smooth(path: Path, trajectory: Any, model: Any) -> SmoothedAttempt:
+        states = np.array(trajectory.plan.states)
+        states[:, 1] += tracking[len(seen) - 1] * 6.0 * np.sqrt(3.0)
+        played = np.array(trajectory.plan.torques_nm)
+        return SmoothedAttempt(states, np.zeros(4), states[:-1], played)
+
+    monkeypatch.setattr(maneuver_learning, "play", play)
+    monkeypatch.setattr(maneuver_learning, "smoothed_attempt", smooth)
+    return seen
+
+
+PLANNED: list[float] = []
+
+
+def told_run(folder: Path, planned: str, repeat: int, **more: Any) -> tuple[dict[str, Any], CorrectionFile]:
+    given = options(folder, planned, learn=True, repeat=repeat, **more)
+    path = folder / "swing.yaml"
+    PLANNED[:] = load_trajectory(path).plan.torques_nm
+    result = run(given)
+    return result, load_correction(correction_beside(path), load_trajectory(path), load_file_hash(path))
+
+
+def test_after_an_attempt_that_is_worse_the_best_is_played_next(
+    tmp_path: Path, planned: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = canned(monkeypatch, [0.5, 0.2, 0.4, 0.2], {})
+    result, kept = told_run(tmp_path, planned, 4)
+    assert result["exit"] == 1 and result["played"] == 3 and "worse than the best" in result["outcome"]
+    assert result["notes"] == ["a note"]
+    assert kept.best is not None and kept.best.tracking == 0.2 and kept.torques_nm == kept.best.torques_nm
+    assert len(kept.attempts) == 3 and np.abs(kept.unexplained).max() > 0.0
+    # the next call begins with it, and knows what was best
+    seen.clear()
+    canned(monkeypatch, [0.4], {})
+    again, kept = told_run(tmp_path, planned, 1)
+    assert again["exit"] == 1 and "worse than the best" in again["outcome"] and kept.best is not None
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ({"row": {"least_contact": -0.1, "success": False}}, "the ball left the hoop"),
+        ({"row": {"turns": 1, "success": False}}, r"went round \+1 times"),
+        ({"outcome": "stopped: by the operator"}, "stopped: by the operator"),
+    ],
+)
+def test_what_teaches_nothing_ends_it(
+    tmp_path: Path, planned: str, monkeypatch: pytest.MonkeyPatch, what: dict[str, Any], said: str
+) -> None:
+    canned(monkeypatch, [0.5, 0.2, 0.2], {1: what})
+    result, kept = told_run(tmp_path, planned, 3)
+    assert result["exit"] == 1 and result["played"] == 2 and re.search(said, result["outcome"])
+    if "row" in what:  # what led there is not what is played next
+        assert len(kept.attempts) == 1 and kept.best is not None and kept.torques_nm == kept.best.torques_nm
+
+
+def test_a_trajectory_of_another_model_is_refused(tmp_path: Path, planned: str) -> None:
+    text = re.sub(r"model_sha256: \w+", "model_sha256: '00'", planned)
+    with pytest.raises(InputError, match="no longer, the model"):
+        run(options(tmp_path, text, learn=True))
 
 
 @pytest.mark.parametrize(
@@ -70,6 +160,8 @@ def test_an_attempt_that_is_given_up_teaches_nothing_and_ends_it(tmp_path: Path,
     [
         ({"kind": "throw"}, "--learn: goes with loop and swing"),
         ({"trajectory": None}, "--learn: needs --trajectory"),
+        ({"correction": Path("c.yaml")}, "--learn: goes on with the correction"),
+        ({"practice": 1}, "--learn: goes without --practice"),
         ({"kind": "loop"}, "is a swing, no loop"),
         ({"learn": False, "trajectory": None, "correction": Path("c.yaml")}, "--correction: goes with --trajectory"),
     ],

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from hoopd.files.shipped import defaults_folder
@@ -58,7 +57,7 @@ def test_a_second_attempt_is_three_times_nearer_to_the_plan_and_a_third_no_farth
         states, torques = attempt(correction)
         costs.append(off(states))
         mean = mean_of_attempts(mean, k, unexplained(step, states, torques, TICK_S))
-        correction = learns.correction(mean, LIMIT_NM)
+        correction = learns.correction(mean, -LIMIT_NM, LIMIT_NM)
         assert np.abs(correction).max() <= LIMIT_NM * (1.0 + 1e-9)
     assert costs[1] < costs[0] / 3.0 and costs[2] < 1.1 * costs[1], costs
 
@@ -66,7 +65,7 @@ def test_a_second_attempt_is_three_times_nearer_to_the_plan_and_a_third_no_farth
 def test_where_the_model_is_right_next_to_nothing_is_learned() -> None:
     plan, step = planned(), PlanningModel(FOUND).step(TICK_S)
     left = unexplained(step, plan.motion.states, plan.motion.inputs, TICK_S)
-    assert np.abs(motion().correction(left, LIMIT_NM)).max() < 0.002
+    assert np.abs(motion().correction(left, -LIMIT_NM, LIMIT_NM)).max() < 0.002
 
 
 def test_how_far_off_a_correction_leads_is_what_the_plant_does() -> None:
@@ -79,7 +78,8 @@ def test_how_far_off_a_correction_leads_is_what_the_plant_does() -> None:
     alone = PlanTracker(FOUND).run(planned().motion.states, planned().motion.inputs, planned().gains, TICK_S, 0.7)
     foretold = motion().off_plan(push, np.zeros((n, 4)))
     actual = (moved.states - alone.states)[1:]
-    assert np.abs(foretold - actual)[:, 1:].max(axis=0) == pytest.approx(0.0, abs=0.1 * np.abs(actual[:, 1:]).max())
+    off, far = (np.abs(one)[:, 1:].max(axis=0) for one in (foretold - actual, actual))
+    assert (off < 0.1 * far).all(), (off, far)
 
 
 def test_feedback_on_a_wrong_estimate_is_told_as_the_torque_that_it_is() -> None:
@@ -93,7 +93,7 @@ def test_feedback_on_a_wrong_estimate_is_told_as_the_torque_that_it_is() -> None
     off_by_estimate = learns.off_plan(np.zeros(n), learns.by_estimate(error, TICK_S))
     # as far as it is slow enough to be believed
     assert np.abs(off_by_torque - off_by_estimate)[:, 2].max() < 0.2 * np.abs(off_by_torque)[:, 2].max()
-    correction = learns.correction(learns.by_estimate(error, TICK_S), LIMIT_NM)
+    correction = learns.correction(learns.by_estimate(error, TICK_S), -LIMIT_NM, LIMIT_NM)
     assert tracking_cost(learns.off_plan(correction + torque, np.zeros((n, 4))), USUAL_WEIGHTS) < 0.3 * tracking_cost(
         off_by_torque, USUAL_WEIGHTS
     )

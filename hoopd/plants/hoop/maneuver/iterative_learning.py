@@ -3,12 +3,12 @@
     w_k = x_k+1 - f(x_k, u_k)                            of an attempt: what the model does not explain
     v_k = w_k - B_k K_k (x^_k - x_k)                     with what feedback does for an estimate that is wrong
     e_k+1 = (A_k - B_k K_k) e_k + B_k c_k + v_k          how far off the plan the next one is with a correction c
-    c = argmin sum e'Q e + c'R c,  |c_k| <= limit
+    c = argmin sum e'Q e + EFFORT c'R c,  within limits
 
-Whatever comes again in every attempt is in v and is answered before feedback sees it; what does not come again is
-averaged out, and what is faster than a ball can be moved is filtered out, in both directions of time. The model's own
-torque stays as planned. (Schoellig, Mueller, D'Andrea, Optimization-based iterative learning for precise quadrocopter
-trajectory tracking, Autonomous Robots 33, 2012.)
+Whatever comes again in every attempt is in v, to first order about the plan, and is answered before feedback sees it;
+of what does not come again a mean over the attempts leaves a part, and what is faster than BELIEVED_HZ is filtered out,
+in both directions of time. (Schoellig, Mueller, D'Andrea, Optimization-based iterative learning for precise
+quadrocopter trajectory tracking, Autonomous Robots 33, 2012.)
 
 Rules of this file: mathematics; where attempts come from and what is played is not known here.
 """
@@ -97,8 +97,8 @@ class LearnedMotion:
             found.append(e)
         return np.array(found)
 
-    def correction(self, w: Array, limit_nm: float) -> Array:
-        """(n,) torques beside the plan's, N m, that leave least of w (n, 4), none beyond the limit."""
+    def correction(self, w: Array, low: Array | float, high: Array | float) -> Array:
+        """(n,) torques beside the plan's, N m, that leave least of w (n, 4), from `low` to `high`."""
         n, root = len(w), np.sqrt(np.diag(self.weights.q))
         answers = np.zeros((n, 4, n))
         for k in range(n):  # column k: a newton metre in tick k
@@ -111,7 +111,7 @@ class LearnedMotion:
         effort = np.sqrt(EFFORT * self.weights.r) * np.eye(n)
         rows = np.vstack([(answers * root[:, None]).reshape(4 * n, n), effort])
         wanted = np.concatenate([-(left * root).ravel(), np.zeros(n)])
-        return np.asarray(lsq_linear(rows, wanted, bounds=(-limit_nm, limit_nm)).x)
+        return np.asarray(lsq_linear(rows, wanted, bounds=(low, high)).x)
 
 
 def mean_of_attempts(mean: Array | None, attempts: int, w: Array) -> Array:
