@@ -78,12 +78,13 @@ def load_correction(path: Path, trajectory: TrajectoryFile, trajectory_sha256: s
     if file.trajectory_sha256 != trajectory_sha256:
         raise InputError(path, "trajectory_sha256", "was learned on another trajectory: remove it, or give its own")
     torques = {"torques_nm": file.torques_nm} | ({"best.torques_nm": file.best.torques_nm} if file.best else {})
-    for name, rows in ({**torques, "unexplained": file.unexplained}).items():
-        if len(rows) != len(trajectory.plan.torques_nm):
-            reason = f"has {len(rows)} rows, the plan {len(trajectory.plan.torques_nm)}"
-            raise InputError(path, name, reason)
-    for name, rows in torques.items():
-        for k, torque in enumerate(rows):
+    planned = len(trajectory.plan.torques_nm)
+    lengths = {name: len(rows) for name, rows in torques.items()} | {"unexplained": len(file.unexplained)}
+    for name, rows in lengths.items():
+        if rows != planned:
+            raise InputError(path, name, f"has {rows} rows, the plan {planned}")
+    for name, values in torques.items():
+        for k, torque in enumerate(values):
             if not abs(torque) <= file.limit_nm:
                 raise InputError(path, f"{name}[{k}]", f"{torque:g} N m is beyond limit_nm ({file.limit_nm:g})")
     return file
