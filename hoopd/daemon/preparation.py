@@ -25,8 +25,8 @@ from hoopd.shell.config import Config  # noqa: E402
 from hoopd.shell.cores import off_isolated_cores  # noqa: E402
 from hoopd.shell.descriptors import opened  # noqa: E402
 
-# An interpreter with numpy and CasADi on a Raspberry Pi, and the filter.
-PATIENCE_S = 8.0
+# An interpreter with numpy and CasADi, and the filter: some seconds on a Raspberry Pi, more on one that is busy.
+PATIENCE_S = 20.0
 DESCRIPTORS = 8  # two pipes and one for errors of the start
 
 

@@ -38,9 +38,9 @@ TAKEN = 64  # tickets that may wait for their note; older ones are answered as u
 PAYLOAD_BYTES = 1000
 # From a command to the note of what became of it: an arm waits 0.2 s for the board at most, the rest one tick.
 SETTLE_S = 1.0
-# A file is read and checked, a model made ready in a process of its own (a second or three on a Raspberry Pi), then
+# A file is read and checked, a model made ready in a process of its own (some seconds, 20 at most), then
 # watched for two seconds.
-LOAD_S = 12.0
+LOAD_S = 24.0
 # Who asked for these stands in the log each time.
 LOGGED = (*LOADED, ACCEPT, REVERT)
 UNSETTLED = "the loop did not tell what became of it"

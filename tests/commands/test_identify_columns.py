@@ -191,7 +191,8 @@ PARTS = {"exchanger.dat": "@1:1600"}  # of the time
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.proof if one == "dryer.dat" else []) for one in SETS]
+    "name",
+    [pytest.param(one, marks=pytest.mark.proof if one in ("dryer.dat", "exchanger.dat") else []) for one in SETS],
 )
 def test_real_data_give_a_stable_model(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     path = shared_path(f"plants/daisy/{name}")

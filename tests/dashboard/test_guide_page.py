@@ -57,6 +57,7 @@ def play(rig: Driven) -> None:
     raise AssertionError(rig.page.ask("page.guide.told.motion"))
 
 
+@pytest.mark.proof
 @pytest.mark.realtime
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")
 def test_signs_torque_and_delay_are_measured_accepted_and_rolled_back(tmp_path: Path) -> None:

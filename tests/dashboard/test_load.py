@@ -34,6 +34,7 @@ def designed(tmp_path: Path) -> tuple[Bench, Path]:
     return bench, folder
 
 
+@pytest.mark.proof
 @pytest.mark.realtime  # a job of the idle class: beside other tests it gets no processor
 def test_a_jobs_controller_is_one_that_the_daemon_loads(tmp_path: Path) -> None:
     bench, folder = designed(tmp_path)

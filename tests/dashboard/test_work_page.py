@@ -34,6 +34,7 @@ def change(page: Page, selector: str, value: str, event: str = "change") -> None
     )
 
 
+@pytest.mark.proof
 @pytest.mark.realtime  # a job runs in the idle class: beside other tests it gets no processor
 def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
     folder, settings = lay_out(tmp_path / "recordings"), controlled(tmp_path)
