@@ -63,6 +63,20 @@ def test_a_friction_that_nobody_knows_is_answered_at_the_second_attempt(tmp_path
     assert played_torques(tmp_path / "again.mcap") != played_torques(tmp_path / "run_1.mcap")
 
 
+@pytest.mark.proof
+def test_the_loop_of_the_guide_is_nearer_to_its_plan_from_the_second_attempt_on(tmp_path: Path) -> None:
+    path = tmp_path / "plan.yaml"
+    plan(TrajectoryOptions(kind="loop", model=Path("models/hoop.yaml"), out=path))
+    rig = (FRICTION, f"sim.directory={tmp_path}", "log.level=error")
+    given = ManeuverOptions(
+        kind="loop", trajectory=path, learn=True, repeat=3, sim=True, speed="max", camera="direct", sets=rig,
+        out=tmp_path / "learned.mcap",
+    )  # fmt: skip
+    first, second, third = run(given)["attempts"]
+    assert first["tracking"] == pytest.approx(0.32, abs=0.03)
+    assert max(second["tracking"], third["tracking"]) < first["tracking"] / 5.0
+
+
 def played_torques(path: Path) -> list[float]:
     """Of the maneuver that a run was told."""
     texts = [command.text for inputs in read_run(path).inputs for command in inputs.commands if command.text]
