@@ -54,6 +54,7 @@ CHARTS = "window.page.charts"
 BOX = "document.querySelector('.u-over').getBoundingClientRect()"
 
 
+@pytest.mark.proof
 def test_ten_minutes_are_there_and_can_be_searched(tmp_path: Path) -> None:
     made_up = MadeUp("hoop")
     made_up.fill(ROWS + 500)

@@ -59,6 +59,7 @@ def compared(rig: Driven) -> str:
     raise AssertionError(f"no comparison came to its end: {text}")
 
 
+@pytest.mark.proof
 @pytest.mark.realtime
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (Debian's package of that name)")

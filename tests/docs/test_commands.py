@@ -24,6 +24,8 @@ from tests.shellblocks import ROOT, Shown, commands
 PROGRAMS = {"hoopd": "-m hoopd", "python": ""}  # in front of whatever else has these names
 SHELL_WORDS = {">", ">>", "<", "|", "&", "&&", "||"}
 CUT_S = 2
+# Pages whose commands every check of a change runs; those of the others are run by `make proof`.
+DAILY = ("README.md", "first_run.md", "your_plant.md")
 RUN = {page: [block for block in blocks(page) if block.runs] for page in PAGES}
 DURATION = re.compile(r"(?<=--duration )\d+")
 
@@ -50,7 +52,14 @@ def on_the_clock(row: Shown) -> bool:
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page, some in RUN.items() if some])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.name, marks=[] if page.name in DAILY else pytest.mark.proof)
+        for page, some in RUN.items()
+        if some
+    ],
+)
 def test_the_commands_of_a_page_work(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     programs, folder = tmp_path / "programs", tmp_path / "folder"
     programs.mkdir()

@@ -249,6 +249,7 @@ def jitter(most_s: float, seed: int) -> Callable[[int], float]:
     return lambda k: min(most_s, float(late[k % len(late)]))
 
 
+@pytest.mark.proof
 def test_a_model_with_the_friction_that_is_there_takes_over_whatever_the_ticks_jitter(
     tmp_path: Path, folder: Folder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
