@@ -87,8 +87,10 @@ def _brief(attempt: dict[str, Any]) -> dict[str, Any]:
     """A line of the table: what a terminal has room for."""
     short = attempt["shortfalls"] or [attempt["ended"]]
     ended = {"success": attempt["success"], "ended": "; ".join(short)}
-    if "tracking" in attempt:  # with --learn: what changes from one to the next; None where nothing was learned
-        return {key: attempt[key] for key in ("tracking", "feedback_nm", "correction_nm")} | ended
+    if "tracking" in attempt:  # with --learn; None where nothing was learned
+        from hoopd.files.correction import LEARNED
+
+        return {key: attempt[key] for key in LEARNED} | ended
     shown = {key: attempt[key] for key in ("turns", "least_contact", "settled_s")}
     return {"began": attempt["began_s"]} | shown | ended
 

@@ -41,10 +41,11 @@ def run(options: ManeuverOptions) -> dict[str, Any]:
         check_path(options.figure)
     rig = run_options(options, arm=options.arm)
     if options.learn:
-        from hoopd.commands.maneuver_learning import learned
+        from hoopd.commands.maneuver_learning import learnable, learned
 
-        result = learned(options, rig)
+        learnable(options)
         trajectory, _ = _trajectory(options, rig)
+        result = learned(options, rig, trajectory)
         return _with_figure(result, options, [Path(one["file"]) for one in result["attempts"]], trajectory)
     if options.practice:
         return _after_practice(options, rig)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver
 from hoopd.daemon.maneuver import run as play
 from hoopd.daemon.recording_target import Where
 from hoopd.files.correction import (
+    LEARNED,
     LIMIT_SHARE,
     BestCorrection,
     CorrectionFile,
@@ -39,7 +41,7 @@ from hoopd.files.correction import (
 )
 from hoopd.files.reading import InputError, read_text
 from hoopd.files.shipped import or_shipped
-from hoopd.files.trajectory import TrajectoryFile, load_trajectory, rounded
+from hoopd.files.trajectory import TrajectoryFile, rounded, short
 from hoopd.files.whole_files import check_target, replace_file
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.loop.writeback import delays_of
@@ -53,7 +55,6 @@ Array = NDArray[np.float64]
 
 # So much worse than the best attempt, and nothing more is tried; what is nearer than CHANCE is alike.
 WORSE, CHANCE = 1.2, 0.05
-LEARNED = ("tracking", "feedback_nm", "correction_nm")
 
 
 class _Learner:
@@ -89,12 +90,12 @@ class _Learner:
         played = np.array(file.torques_nm)
         told = LearnedAttempt(
             recording=recording,
-            correction_nm=_short(np.abs(played).max()),
-            tracking=_short(tracking_cost((attempt.planned_states - self.states)[1:], USUAL_WEIGHTS)),
-            feedback_nm=_short(np.sqrt(np.mean((attempt.torques - self.torques - played) ** 2))),
+            correction_nm=short(np.abs(played).max()),
+            tracking=short(tracking_cost((attempt.planned_states - self.states)[1:], USUAL_WEIGHTS)),
+            feedback_nm=short(np.sqrt(np.mean((attempt.torques - self.torques - played) ** 2))),
             success=success,
         )
-        mean = mean_of_attempts(np.array(file.unexplained) if file.attempts else None, len(file.attempts), left)
+        mean = mean_of_attempts(np.array(file.unexplained), len(file.attempts), left)
         low = np.maximum(-file.limit_nm, -TORQUE_LIMIT_NM - self.torques)
         high = np.minimum(file.limit_nm, TORQUE_LIMIT_NM - self.torques)
         best = file.best
@@ -119,22 +120,21 @@ class _Learner:
         replace_file(self.target, correction_text(self.file).encode())
 
 
-def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
+def learned(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile) -> dict[str, Any]:
     """Play attempts with what was learned in between; the result as plain data, with its exit code. InputError."""
-    learner = _learner(options)
+    learner = _learner(trajectory, learnable(options))
     for k in range(options.repeat):
         _where(options, k).check()
     learner.write()
     rows: list[dict[str, Any]] = []
-    faults: dict[str, int] = {}
+    faults: Counter[str] = Counter()
     notes: dict[str, None] = {}
     outcome = DONE_ALL
     for k in range(options.repeat):
         result = _attempt(options, rig, learner, k)
         told = (result["attempts"] or [_not_begun(result)])[0]
         rows.append({**dict.fromkeys(LEARNED), "file": result["file"], **told})
-        for name, count in result["faults"].items():
-            faults[name] = faults.get(name, 0) + count
+        faults.update(result["faults"])
         notes |= dict.fromkeys(result["notes"])
         outcome = _taught(learner, result, rows[-1], k)
         learner.write()
@@ -154,7 +154,7 @@ def learned(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
         "attempts": rows,
         "correction": str(learner.target),
         "correction_limit_nm": learner.file.limit_nm,
-        "faults": faults,
+        "faults": dict(faults),
         "notes": [*notes],
         "exit": 0 if outcome == DONE_ALL else 1,
     }
@@ -199,8 +199,8 @@ def with_correction(trajectory: TrajectoryFile, path: Path | None, correction: P
     return corrected(trajectory, file.torques_nm if file.best is None else file.best.torques_nm)
 
 
-def _learner(options: ManeuverOptions) -> _Learner:
-    """InputError for what cannot be learned."""
+def learnable(options: ManeuverOptions) -> Path:
+    """The trajectory's file; InputError for options that nothing can be learned with."""
     if options.kind not in (LOOP, SWING):
         raise InputError("--learn", "", f"goes with {LOOP} and {SWING}: in a flight the ball is not moved by the hoop")
     if options.trajectory is None:
@@ -209,15 +209,17 @@ def _learner(options: ManeuverOptions) -> _Learner:
         raise InputError("--learn", "", "goes without --practice, which plans a throw")
     if options.correction is not None:
         raise InputError("--learn", "", "goes on with the correction beside the trajectory: without --correction")
-    trajectory = load_trajectory(options.trajectory)
-    if trajectory.maneuver != options.kind:
-        raise InputError(options.trajectory, "maneuver", f"is a {trajectory.maneuver}, no {options.kind}")
-    check_target(correction_beside(options.trajectory), "--learn")
-    model = _planned_on(trajectory, options.trajectory)
+    return options.trajectory
+
+
+def _learner(trajectory: TrajectoryFile, path: Path) -> _Learner:
+    """InputError for a trajectory of which nothing can be learned."""
+    check_target(correction_beside(path), "--learn")
+    model = _planned_on(trajectory, path)
     if late_s := delays_of(model).torque_s:
         reason = f"its torque is late by {1e3 * late_s:.3g} ms: of such a plan nothing is learned yet"
-        raise InputError(options.trajectory, "model", reason)
-    return _Learner(trajectory, options.trajectory, model)
+        raise InputError(path, "model", reason)
+    return _Learner(trajectory, path, model)
 
 
 def _planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
@@ -250,8 +252,3 @@ def _not_begun(result: dict[str, Any]) -> dict[str, Any]:
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(read_text(path).encode()).hexdigest()
-
-
-def _short(value: float) -> float:
-    """Four digits: what a person compares."""
-    return float(f"{float(value):.4g}")

@@ -25,6 +25,10 @@ SUFFIX = ".correction.yaml"
 LIMIT_SHARE = 0.25
 
 
+# Of an attempt, what changes from one to the next.
+LEARNED = ("tracking", "feedback_nm", "correction_nm")
+
+
 class LearnedAttempt(Strict, frozen=True):
     """What an attempt was like."""
 

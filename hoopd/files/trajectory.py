@@ -83,6 +83,11 @@ def rounded(values: Any) -> Any:
     return float(f"{float(values):.{DIGITS}g}")
 
 
+def short(value: float) -> float:
+    """Four digits: what a person compares."""
+    return float(f"{float(value):.4g}")
+
+
 def maneuver_controller(file: TrajectoryFile, base: ControllerFile) -> ControllerFile:
     """The controller that plays a trajectory in a daemon whose ball is held by `base`: its filter, model and limits."""
     return ControllerFile(

@@ -51,8 +51,9 @@ def off(states: Array) -> float:
 
 
 def test_a_second_attempt_is_three_times_nearer_to_the_plan_and_a_third_no_farther() -> None:
-    step, learns, mean = PlanningModel(FOUND).step(TICK_S), motion(), None
+    step, learns = PlanningModel(FOUND).step(TICK_S), motion()
     correction, costs = np.zeros(len(planned().motion.inputs)), []
+    mean = np.zeros((len(correction), 4))
     for k in range(3):
         states, torques = attempt(correction)
         costs.append(off(states))

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 # Slower than this, Hz, an attempt is believed; beyond, it is noise of the estimate.
 BELIEVED_HZ = 6.0
+# Fewer ticks are too short for the filter.
+FEWEST_TICKS = 12
 # A correction costs so much of what the same feedback would.
 EFFORT = 0.1
 # Every attempt has at least this weight in the mean: what drifts is followed.
@@ -61,10 +63,10 @@ def unexplained(step: ca.Function, states: Array, torques: Array, tick_s: float)
 def believed(w: Array, tick_s: float) -> Array:
     """Rows (n, 4) without what is faster than BELIEVED_HZ, no later than before; short ones as they are."""
     highest = 0.5 / tick_s
-    if highest <= BELIEVED_HZ or len(w) < 12:
+    if highest <= BELIEVED_HZ or len(w) < FEWEST_TICKS:
         return w
     sections = butter(2, BELIEVED_HZ / highest, output="sos")
-    return np.asarray(sosfiltfilt(sections, w, axis=0, padlen=min(9, len(w) - 1)))
+    return np.asarray(sosfiltfilt(sections, w, axis=0))
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,11 @@ class LearnedMotion:
     def correction(self, w: Array, low: Array | float, high: Array | float) -> Array:
         """(n,) torques beside the plan's, N m, that leave least of w (n, 4), from `low` to `high`."""
         n, root = len(w), np.sqrt(np.diag(self.weights.q))
-        answers = np.zeros((n, 4, n))
+        answers, here = np.zeros((n, 4, n)), np.zeros((4, n))
         for k in range(n):  # column k: a newton metre in tick k
-            e = self.driven[k]
-            answers[k, :, k] = e
-            for later in range(k + 1, n):
-                e = self.dynamic[later] @ e
-                answers[later, :, k] = e
+            here = self.dynamic[k] @ here
+            here[:, k] = self.driven[k]
+            answers[k] = here
         left = self.off_plan(np.zeros(n), w)
         effort = np.sqrt(EFFORT * self.weights.r) * np.eye(n)
         rows = np.vstack([(answers * root[:, None]).reshape(4 * n, n), effort])
@@ -114,7 +114,7 @@ class LearnedMotion:
         return np.asarray(lsq_linear(rows, wanted, bounds=(low, high)).x)
 
 
-def mean_of_attempts(mean: Array | None, attempts: int, w: Array) -> Array:
+def mean_of_attempts(mean: Array, attempts: int, w: Array) -> Array:
     """The mean (n, 4) of what was left unexplained, with one attempt more after so many.
 
     Examples
@@ -124,8 +124,6 @@ def mean_of_attempts(mean: Array | None, attempts: int, w: Array) -> Array:
     >>> mean_of_attempts(np.zeros((1, 4)), 1, np.ones((1, 4))).tolist()
     [[0.5, 0.5, 0.5, 0.5]]
     """
-    if mean is None or not attempts:
-        return w
     return mean + max(LEAST_WEIGHT, 1.0 / (attempts + 1)) * (w - mean)
 
 

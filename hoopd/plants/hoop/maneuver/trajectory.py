@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hoopd.core.tracker import Tolerances
 from hoopd.files.model import ModelFile
 from hoopd.files.planned_motion import FlightEntry, PlannedMotionEntry, TolerancesEntry
-from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded
+from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded, short
 from hoopd.plants.collocation import CollocatedMotion
 from hoopd.plants.hoop.loop.writeback import limits_of
 from hoopd.plants.hoop.maneuver.balance import TOP_WEIGHTS
@@ -220,7 +220,7 @@ def trajectory_file(planned: PlannedTrajectory, model: str, model_sha256: str, n
         feedback=rounded(planned.gains.tolist()),
         start=TolerancesEntry(**asdict(START)),
         envelope=TolerancesEntry(**asdict(ENVELOPE)),
-        unmodelled=_short(_unmodelled(motion)),
+        unmodelled=short(_unmodelled(motion)),
         suspends=suspends,
         flight=None if planned.flight_ticks is None else _flight_entry(planned.flight_ticks),
         let_down=question.kind == UP,
@@ -263,20 +263,20 @@ def report_of(planned: PlannedTrajectory) -> dict[str, Any]:
     motion = planned.motion
     arrived = sum(one.arrived for one in planned.sampled)
     return {
-        "seconds": _short(motion.seconds),
+        "seconds": short(motion.seconds),
         "ticks": len(motion.inputs),
-        "largest_torque_nm": _short(np.abs(motion.inputs).max()),
-        "largest_hoop_speed_rad_s": _short(np.abs(motion.states[:, 1]).max()),
-        "largest_ball_speed_rad_s": _short(np.abs(motion.states[:, 3]).max()),
-        "least_contact": _short(np.nanmin(planned.contact)),
-        "needed_grip": _short(np.nanmax(planned.grip)),
+        "largest_torque_nm": short(np.abs(motion.inputs).max()),
+        "largest_hoop_speed_rad_s": short(np.abs(motion.states[:, 1]).max()),
+        "largest_ball_speed_rad_s": short(np.abs(motion.states[:, 3]).max()),
+        "least_contact": short(np.nanmin(planned.contact)),
+        "needed_grip": short(np.nanmax(planned.grip)),
         **_told_flight(planned),
-        "open_loop_end_rad": _short(planned.open_loop_end[2]),
+        "open_loop_end_rad": short(planned.open_loop_end[2]),
         "tracked": _row(planned.nominal),
         "sensitivity": {name: _row(one) for name, one in planned.by_parameter.items()},
         "sampled_models": len(planned.sampled),
         "sampled_models_arrived": arrived,
-        "sampled_least_contact": _short(min(one.contact for one in planned.sampled)),
+        "sampled_least_contact": short(min(one.contact for one in planned.sampled)),
     }
 
 
@@ -286,20 +286,15 @@ def _told_flight(planned: PlannedTrajectory) -> dict[str, float]:
         return {}
     if planned.question.kind == UP:
         seconds = planned.motion.tick_s * (planned.flight_ticks[1] - planned.flight_ticks[0])
-        return {"flight_s": _short(seconds), "hold_s": _short(planned.question.hold_s)}
-    return {"flight_s": _short(planned.question.flight_s)}
+        return {"flight_s": short(seconds), "hold_s": short(planned.question.hold_s)}
+    return {"flight_s": short(planned.question.flight_s)}
 
 
 def _row(one: PlayResult) -> dict[str, float]:
     return {
-        **({} if one.flown_s is None else {"flown_s": _short(one.flown_s)}),
-        "least_contact": _short(one.contact),
-        "end_rad": _short(one.end_rad),
-        "largest_torque_nm": _short(one.torque_nm),
-        "largest_hoop_speed_rad_s": _short(one.hoop_speed_rad_s),
+        **({} if one.flown_s is None else {"flown_s": short(one.flown_s)}),
+        "least_contact": short(one.contact),
+        "end_rad": short(one.end_rad),
+        "largest_torque_nm": short(one.torque_nm),
+        "largest_hoop_speed_rad_s": short(one.hoop_speed_rad_s),
     }
-
-
-def _short(value: float) -> float:
-    """Four digits: what a person compares."""
-    return float(f"{float(value):.4g}")
