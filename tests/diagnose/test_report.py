@@ -15,7 +15,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, made, renamed, unknown
+from diagnose import examples
+from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, renamed, unknown
 from rich.console import Console
 
 from hoopd.diagnose.record import (
@@ -45,7 +46,8 @@ from hoopd.plots.diagnosis import draw_candidates
 from hoopd.plots.number_format import chance, interval_text, percent, short_names, value_text
 
 # Drawings are looked at by these; the others read words, and half a second a figure would be most of their time.
-DRAWN = re.compile("drawn|draws|same_bytes|same_diagnosis|well_formed|curve|figure")
+DRAWN = re.compile("drawn|draws|curve|figure")
+TRUE_SVG = markup.svg
 
 VOID = {"meta", "link", "br", "img"}
 
@@ -60,7 +62,15 @@ def drawn_where_it_is_looked_at(request: pytest.FixtureRequest, monkeypatch: pyt
 
 @cache
 def one_drawing() -> str:
-    return markup.svg(style.figure())
+    return TRUE_SVG(style.figure())
+
+
+@cache
+def made(name: str) -> bytes:
+    """The page of an example with its true drawings, whichever test asks first."""
+    with pytest.MonkeyPatch.context() as true:
+        true.setattr(markup, "svg", TRUE_SVG)
+        return examples.made(name)
 
 
 def printed(diagnosis: Diagnosis, width: int = 80) -> str:
