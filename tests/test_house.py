@@ -8,6 +8,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -21,9 +22,15 @@ ROOT = Path(__file__).parents[1] / "hoopd"
 OF_THE_HOOP = ("plants/hoop/", "core/", "sim/", "vision/", "daemon/", "commands/calibrate.py")
 
 
-def identifiers(path: Path) -> Iterator[str]:
+@cache
+def parsed() -> dict[Path, ast.Module]:
+    """Every module of the house."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")}
+
+
+def identifiers(module: ast.Module) -> Iterator[str]:
     """Every name of a module: variables, attributes, arguments, keywords, functions and classes."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(module):
         for part in ("id", "attr", "arg", "name"):
             if isinstance(name := getattr(node, part, None), str):
                 yield name
@@ -31,7 +38,9 @@ def identifiers(path: Path) -> Iterator[str]:
 
 def test_only_the_hoop_names_the_hoops_angles() -> None:
     found = {
-        path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py") if {"theta", "psi"} & set(identifiers(path))
+        path.relative_to(ROOT).as_posix()
+        for path, module in parsed().items()
+        if {"theta", "psi"} & set(identifiers(module))
     }
     assert not {name for name in found if not name.startswith(OF_THE_HOOP)}
 
@@ -46,8 +55,8 @@ def test_the_drives_limit_is_typed_where_it_is_decided() -> None:
     """Everything else reads it from the plant, from a model file or from `core.limits`."""
     found = {
         path.relative_to(ROOT).as_posix()
-        for path in ROOT.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path, module in parsed().items()
+        for node in ast.walk(module)
         if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value in (0.7, 1.4)
     }
     assert {name for name in found if not name.startswith(NO_TORQUE)} == OF_THE_LIMIT
@@ -66,8 +75,8 @@ TWO_MEANINGS = {"Controller"}
 def test_a_public_class_has_a_name_of_its_own() -> None:
     places = Counter(
         node.name
-        for path in ROOT.rglob("*.py")
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for module in parsed().values()
+        for node in module.body
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
     assert {name for name, count in places.items() if count > 1} <= TWO_MEANINGS

@@ -368,6 +368,7 @@ def test_one_name_is_a_name_and_not_its_letters(recording):
     assert lab.fit(recording, fix="K2", channels="psi").model.parameters["K2"] == lab.model("thesis").parameters["K2"]
 
 
+@pytest.mark.proof
 def test_everything_can_be_looked_at(recording, thesis, tmp_path):
     fitted = lab.fit(recording)
     law = lab.design("pid", thesis)

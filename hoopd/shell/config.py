@@ -212,6 +212,13 @@ class SimEffect(Strict, frozen=True):
     for_s: NotNegative = 0.0  # and goes again after so long; 0: it stays
 
 
+class SimExchange(Strict, frozen=True):
+    """Another ball or hoop in the rig from a time on: parameters of its plant by name in SI units, the others stay."""
+
+    at_s: NotNegative
+    parameters: dict[str, float]
+
+
 class SimBoard(Strict, frozen=True):
     """What the rig's board refuses by itself (docs/reference/board.md); the defaults are what a firmware must have."""
 
@@ -241,6 +248,7 @@ class Sim(Strict, frozen=True):
     disturbance_rad: Moderate = 0.0  # added to psi of one picture
     disturbance_at_s: NotNegative = 0.0
     effects: list[SimEffect] = []  # beside those of the rig's model; no recording tells of them
+    exchanges: list[SimExchange] = []  # no recording tells of them either
     faults: list[SimFault] = []
     commands: list[SimCommand] = []
 

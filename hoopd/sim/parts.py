@@ -20,6 +20,7 @@ from hoopd.files.reading import InputError
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.hoop.equations import without_ball
+from hoopd.plants.hoop.parameters import ParameterError, check_parameters
 from hoopd.plants.model_file import effects_of, effects_plant
 from hoopd.shell.ball_detection import Analyser
 from hoopd.shell.config import Config
@@ -36,12 +37,12 @@ TRUTH_LOG = "truth.csv"
 
 
 def plant_arguments(config: Config, model: ModelFile) -> dict[str, Any]:
-    """What the rig's plant is made of: the model with its effects, and those that the configuration hides in it."""
-    sim, parameters = config.sim, model.values()
-    later = [(t, rig_effects(config, model, t)) for t in _changes_s(config)]
+    """What the rig's plant is made of: the model with its effects, and what the configuration hides in it."""
+    sim = config.sim
+    later = [(t, rig_effects(config, model, t), rig_parameters(config, model, t)) for t in _changes_s(config)]
     return {
         "structure": model.structure,
-        "parameters": parameters if config.faults.ball_expected else without_ball(model.structure, parameters),
+        "parameters": rig_parameters(config, model),
         "x0": [0.0, 0.0, sim.psi_rad, 0.0],
         "held": sim.held,
         "hold_s": sim.hold_s,
@@ -51,9 +52,24 @@ def plant_arguments(config: Config, model: ModelFile) -> dict[str, Any]:
 
 
 def _changes_s(config: Config) -> list[float]:
-    """Run times at which an effect that the configuration hides begins or goes."""
-    ends = {one.at_s + one.for_s for one in config.sim.effects if one.for_s > 0.0}
-    return sorted((ends | {one.at_s for one in config.sim.effects}) - {0.0})
+    """Run times at which an effect that the configuration hides begins or goes, or a body is exchanged."""
+    sim = config.sim
+    ends = {one.at_s + one.for_s for one in sim.effects if one.for_s > 0.0}
+    begins = {one.at_s for one in sim.effects} | {one.at_s for one in sim.exchanges}
+    return sorted((ends | begins) - {0.0})
+
+
+def rig_parameters(config: Config, model: ModelFile, t: float = 0.0) -> dict[str, float]:
+    """All parameters of the rig's plant at a run time; InputError for an exchange that no plant can have."""
+    values = model.values()
+    for index, exchange in sorted(enumerate(config.sim.exchanges), key=lambda one: one[1].at_s):
+        try:
+            after = check_parameters(model.structure, values | exchange.parameters)
+        except ParameterError as error:
+            key = f"sim.exchanges[{index}].parameters.{error.name}"
+            raise InputError("configuration", key, error.reason) from None
+        values = after if exchange.at_s <= t else values
+    return values if config.faults.ball_expected else without_ball(model.structure, values)
 
 
 def rig_effects(config: Config, model: ModelFile, t: float = 0.0) -> dict[str, dict[str, float]]:

@@ -232,16 +232,16 @@ def make_plant(
     held: bool = False,
     hold_s: float = 0.0,
     effects: dict[str, dict[str, float]] | None = None,
-    later: list[tuple[float, dict[str, dict[str, float]]]] | None = None,
+    later: list[tuple[float, dict[str, dict[str, float]], dict[str, float]]] | None = None,
 ) -> RigPlant:
-    """Plant from plain data: what the board's process is told on its command line; effects by name, and those that
-    there are from a time on."""
+    """Plant from plain data: what the board's process is told on its command line; effects by name, and those and the
+    parameters that there are from a time on."""
 
-    def found(told: Mapping[str, Mapping[str, float]]) -> FoundEffects:
-        return FoundEffects(structure, parameters, tuple(FoundEffect(name, values) for name, values in told.items()))
+    def found(told: Mapping[str, Mapping[str, float]], numbers: Mapping[str, float]) -> FoundEffects:
+        return FoundEffects(structure, numbers, tuple(FoundEffect(name, values) for name, values in told.items()))
 
-    stages = [(since, found(told)) for since, told in later or ()]
-    return RigPlant(found(effects or {}), np.array(x0, float), held=held, hold_s=hold_s, later=stages)
+    stages = [(since, found(told, numbers)) for since, told, numbers in later or ()]
+    return RigPlant(found(effects or {}, parameters), np.array(x0, float), held=held, hold_s=hold_s, later=stages)
 
 
 def _readings(c: Composite, values: Mapping[str, float]) -> Call:

@@ -74,6 +74,7 @@ def width(diagnosis: Diagnosis, name: str) -> float:
     return high - low
 
 
+@pytest.mark.proof
 def test_what_contradicts_it_does_not_count_and_is_said(folder: Path) -> None:
     path = folder / "other.json"
     diagnosed(folder, "run_1.csv", "--memory", str(path))

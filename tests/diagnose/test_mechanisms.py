@@ -136,7 +136,12 @@ def searched(law: Law, only: tuple[str, ...] = ()) -> Named:
     ("law", "names", "sizes"),
     [
         (bristles, ("slide.dahl_of_x",), {"A": (0.7, 1.1), "xs": (0.04, 0.08)}),
-        (warming, ("drive.heat_of_f_squared_on_f",), {"A": (-0.016, -0.008), "T": (1.5, 5.0)}),
+        pytest.param(
+            warming,
+            ("drive.heat_of_f_squared_on_f",),
+            {"A": (-0.016, -0.008), "T": (1.5, 5.0)},
+            marks=pytest.mark.proof,
+        ),
     ],
     ids=lambda one: getattr(one, "__name__", ""),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from samples import sampled
 
 from hoopd.diagnose.curves.effect_force import missing_of
 from hoopd.diagnose.search.naming import Named, name_effects
@@ -76,6 +77,7 @@ def judge_axis(effect: str, values: dict[str, float]) -> None:
     assert found.final.values["M"] == pytest.approx(100.0, rel=0.02)
 
 
+@pytest.mark.proof
 def test_a_motor_with_its_current_is_searched() -> None:
     """A coordinate beside a first-order state: an odd number of states."""
     effect = "body.coulomb_friction"
@@ -121,7 +123,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
     assert not found.accepted
 
 
-@pytest.mark.parametrize("value", [60.0, 0.0])
+@pytest.mark.parametrize("value", sampled([60.0, 0.0], [60.0]))
 def test_a_coil_that_saturates_is_named_from_the_voltage_of_the_capacitor(value: float) -> None:
     """The current is a state that nobody reads."""
     effect = "i_store.inductor_saturation"
@@ -131,7 +133,7 @@ def test_a_coil_that_saturates_is_named_from_the_voltage_of_the_capacitor(value:
         assert found.final.values[f"{effect}.b"] == pytest.approx(value, rel=0.1)
 
 
-@pytest.mark.parametrize("value", [0.01, 0.0])
+@pytest.mark.parametrize("value", sampled([0.01, 0.0], [0.01]))
 def test_dry_friction_of_one_of_two_coupled_drives_is_named(value: float) -> None:
     """Two inputs; the angle of both together is read by nobody."""
     effect = "a_body.coulomb_friction"

@@ -506,10 +506,18 @@ def test_a_recording_s_name_is_text_wherever_it_stands() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_page_is_well_formed_and_says_the_verdict(name: str) -> None:
+def test_the_page_is_well_formed_says_the_verdict_and_needs_nothing_but_itself(name: str) -> None:
+    """All of a page at once: a page with its drawings takes seconds."""
     diagnosis, _ = EXAMPLES[name]()
-    seen = Page(made(name))
-    assert squeezed(headline.verdict_sentence(diagnosis)) in seen.text
+    data = made(name)
+    seen = Page(data)
+    judge_words(seen, headline.verdict_sentence(diagnosis))
+    judge_drawings(data.decode())
+    judge_alone(seen)
+
+
+def judge_words(seen: Page, verdict: str) -> None:
+    assert squeezed(verdict) in seen.text
     names = [one["id"] for _, one in seen.tags if "id" in one]
     assert len(names) == len(set(names))
     links = [one["href"] for one in seen.all("a")]
@@ -518,9 +526,8 @@ def test_the_page_is_well_formed_and_says_the_verdict(name: str) -> None:
     assert all(one.get("scope") in ("col", "row") for one in seen.all("th"))
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_every_drawing_has_a_title_and_only_names_that_are_its_own(name: str) -> None:
-    data = made(name).decode()
+def judge_drawings(data: str) -> None:
+    """Every drawing has a title, and only names that are its own."""
     drawings = re.findall(r"<svg\b.*?</svg>", data, re.DOTALL)
     assert drawings
     for drawing in drawings:
@@ -531,9 +538,7 @@ def test_every_drawing_has_a_title_and_only_names_that_are_its_own(name: str) ->
         assert used <= inside
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_the_page_needs_nothing_but_itself(name: str) -> None:
-    seen = Page(made(name))
+def judge_alone(seen: Page) -> None:
     policy = [one["content"] for one in seen.all("meta") if one.get("http-equiv") == "Content-Security-Policy"]
     assert policy == ["default-src 'none'; style-src 'unsafe-inline'; img-src data:"]
     for tag, attributes in seen.tags:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def test_an_effect_begins_and_goes_at_its_time_and_the_ball_moves_on() -> None:
         overrides=["sim.effects=[{name: hoop.coulomb_friction, parameters: {Fc: 0.02}, at_s: 0.3, for_s: 0.4}]"],
     )  # fmt: skip
     told = parts.plant_arguments(config, FILE) | {"x0": START.tolist(), "held": False}
-    assert told["effects"] == {} and [t for t, _ in told["later"]] == [0.3, 0.7] and told["later"][1][1] == {}
+    assert told["effects"] == {} and [t for t, *_ in told["later"]] == [0.3, 0.7] and told["later"][1][1] == {}
     changing, plain = make_plant(**told), RigPlant(FoundEffects(FILE.structure, FILE.values()), START)
     dissipated = hidden(hoop__coulomb_friction={"Fc": 0.02})
     for t in (0.1, 0.3):
@@ -138,6 +139,42 @@ def test_an_effect_begins_and_goes_at_its_time_and_the_ball_moves_on() -> None:
     changing.advance(1.0, 0.05)
     plain.advance(1.0, 0.05)
     assert changing.state == pytest.approx(plain.state, abs=1e-6)
+
+
+def exchanging(*exchanges: str) -> dict[str, Any]:
+    config = configuration.load(None, sim=True, overrides=[f"sim.exchanges=[{', '.join(exchanges)}]"])
+    return parts.plant_arguments(config, FILE) | {"x0": START.tolist(), "held": False}
+
+
+def test_another_ball_is_in_the_hoop_from_its_time_on_and_the_next_one_after_it() -> None:
+    """The ball of glass has a third of the steel one's mass; what moves goes on from where it was."""
+    told = exchanging("{at_s: 0.6, parameters: {bb: 5.0e-6}}", "{at_s: 0.3, parameters: {mb: 0.0203, Ib: 1.23e-6}}")
+    glass = FILE.values() | {"mb": 0.0203, "Ib": 1.23e-6}
+    assert told["parameters"] == FILE.values()
+    assert [(t, numbers) for t, _, numbers in told["later"]] == [(0.3, glass), (0.6, glass | {"bb": 5.0e-6})]
+    changing, plain = make_plant(**told), RigPlant(FoundEffects(FILE.structure, FILE.values()), START)
+    for one in (changing, plain):
+        one.advance(0.3, 0.05)
+    assert changing.state == pytest.approx(plain.state, abs=1e-9)
+    light = RigPlant(FoundEffects(FILE.structure, glass), np.array(changing.state), t=0.3)
+    for one in (changing, plain, light):
+        one.advance(0.6, 0.05)
+    assert changing.state == pytest.approx(light.state, abs=1e-6)
+    assert abs(changing.state[1] - plain.state[1]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("exchange", "key"),
+    [
+        ("{at_s: 1, parameters: {mass: 0.02}}", "sim.exchanges[0].parameters.mass"),
+        ("{at_s: 1, parameters: {mb: -0.02}}", "sim.exchanges[0].parameters.mb"),
+        ("{at_s: 1, parameters: {Rb: 0.2}}", "sim.exchanges[0].parameters.Rb"),
+    ],
+)
+def test_what_no_hoop_can_be_is_one_line(exchange: str, key: str) -> None:
+    with pytest.raises(InputError) as raised:
+        exchanging(exchange)
+    assert raised.value.key == key
 
 
 def test_a_camera_that_becomes_late_shows_the_past_from_then_on() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from harness.runs import Run, run
+from samples import sampled
 
 from hoopd.daemon.replay import replay
 from hoopd.recording.mcap import read_run
@@ -49,7 +50,7 @@ RUNS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", sampled(RUNS, ["arx", "pictures"]))
 def test_replay_is_equal_to_the_bit(name: str, tmp_path: Path) -> None:
     found = run(tmp_path, **{"duration_s": 4.5, **RUNS[name]})
     result = replay(found.recordings[0])

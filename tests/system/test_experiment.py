@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from inprocess import call
+from samples import sampled
 from system.experiments import LOCKSTEP, ROOT, ends_at_rest, perform
 
 from hoopd.commands.options.experiment import ExperimentOptions
@@ -36,7 +37,7 @@ SHORT: dict[str, Plan] = {
 }
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", sampled(SHORT, ["prbs, slow clock", "decay", "around an identified law", "no ball"]))
 def test_what_is_recorded_is_the_signal_and_replays_to_the_bit(name: str, tmp_path: Path) -> None:
     plan = SHORT[name]
     found = perform(tmp_path, plan)
@@ -82,7 +83,7 @@ def test_without_a_ball_the_hoop_is_alone(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------------ defaults
 
 
-@pytest.mark.parametrize("kind", experiment.KINDS)
+@pytest.mark.parametrize("kind", sampled(experiment.KINDS, ["prbs", "decay"]))
 def test_defaults_move_the_ball_and_stay_inside(kind: str, tmp_path: Path) -> None:
     """A seed of its own for each kind; tools/bench/experiments.py does twenty."""
     seed = list(experiment.KINDS).index(kind)

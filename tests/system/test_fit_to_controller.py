@@ -52,6 +52,7 @@ def test_readme_shows_exactly_these_commands() -> None:
     assert shown[len(COMMANDS) :] == [RUN]
 
 
+@pytest.mark.proof
 def test_the_fit_has_something_to_find(folder: Path) -> None:
     """The README's two figures: what the fit starts from is another device than the rig."""
     recording = lab.load(folder / "rec.mcap")
@@ -59,6 +60,7 @@ def test_the_fit_has_something_to_find(folder: Path) -> None:
     assert nominal == pytest.approx(55.0, abs=0.5) and fitted == pytest.approx(99.5, abs=0.05)
 
 
+@pytest.mark.proof
 def test_the_daemon_holds_the_ball_with_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     code, _, errors = call(tuple(RUN.split()[1:]))
@@ -75,6 +77,7 @@ def both(folder: Path, scenario: str) -> list[list[Judged]]:
     return [[judged(run) for run in race(folder / scenario, file, SCENARIOS[scenario])] for file in files]
 
 
+@pytest.mark.proof
 def test_it_beats_the_thesis_s_entries_on_the_same_rig(folder: Path) -> None:
     """Told where to be, every seed of the fitted one is better than the best of the other, by both measures."""
     asked = SCENARIOS["references"]

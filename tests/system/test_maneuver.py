@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 from harness.runs import TORQUE_LIMIT_NM
+from samples import sampled
 
 from hoopd.daemon.app import Options, run_daemon
 from hoopd.daemon.maneuver import AskedManeuver, recorded_maneuvers, run
@@ -165,7 +166,7 @@ def bouncing(restitution: float, grip: float = 0.3) -> str:
     return f"sim.effects=[{{name: ball.lift_off, parameters: {numbers}}}]"
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.4])
+@pytest.mark.parametrize("restitution", sampled([0.0, 0.4], [0.4]))
 def test_a_ball_is_thrown_and_caught(tmp_path: Path, restitution: float) -> None:
     result = played(tmp_path, bouncing(restitution), repeat=2, file=throw())
     assert result["succeeded"] == 2 and set(result["faults"]) <= {"ball_missing"}, result

@@ -140,6 +140,7 @@ def test_races_keep_the_rule_and_print_how_they_began() -> None:
     assert "about to arm itself" in out
 
 
+@pytest.mark.proof
 def test_simulate_prints_every_way_and_the_bound() -> None:
     out = run_here("simulate.py", "--runs", "5", "--slow", "1", "--samples", "200")
     assert out.count("scipy") == 4 and out.count("hoopd, steps") == 2

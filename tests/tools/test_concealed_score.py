@@ -207,7 +207,7 @@ def test_rivals_say_what_they_are_known_for(folder: runfolder.RunFolder) -> None
     ("rival", "name", "size", "fixed"),
     [
         ("iid BIC", "camera.center_offset", 0.2, {"angle": np.pi / 2}),
-        ("sparse", "hoop.imbalance", 0.03, {}),
+        pytest.param("sparse", "hoop.imbalance", 0.03, {}, marks=pytest.mark.proof),
     ],
 )
 def test_a_rival_finds_what_is_plain_to_see(
