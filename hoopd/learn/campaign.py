@@ -128,7 +128,7 @@ class Campaign:
             choice = read_json(files.choice, ChosenRun)
             diagnosis = parse(file_bytes(files.diagnosis), files.diagnosis)
             kinds = {one.choice.words for one in found} | {choice.words}
-            belief = belief_of(diagnosis, confidence, len(kinds))
+            belief = belief_of(diagnosis, confidence, len(kinds), [one.diagnosis for one in found])
             found.append(DiagnosedRun(files, choice, recorded_s(files), diagnosis, belief))
         return found
 

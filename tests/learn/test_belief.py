@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from harness.told_diagnosis import proposal, said
 
-from hoopd.diagnose.record import Candidate, Remains, Unexplained
+from hoopd.diagnose.record import Candidate, Diagnosis, Remains, Unexplained
 from hoopd.learn.belief import belief_of
 from hoopd.learn.choice import MENU, first, next_choice
 
@@ -54,6 +54,24 @@ def test_a_curve_without_a_law_is_never_settled() -> None:
     unknown = msgspec.structs.replace(diagnosis.effects[0], name="unknown.hoop")
     diagnosis = msgspec.structs.replace(diagnosis, effects=[unknown], verdict="unknown_physics")
     assert belief_of(diagnosis, 0.95, kinds=3).open == ("unknown.hoop has no law yet",)
+
+
+def worth(nats: float, status: str = "untested") -> Diagnosis:
+    """A law with so many nats, of which 10 name it."""
+    told = said(0.92, status)
+    evidence = msgspec.structs.replace(told.effects[0].evidence, log_likelihood_gain=nats)
+    return msgspec.structs.replace(told, effects=[msgspec.structs.replace(told.effects[0], evidence=evidence)])
+
+
+def test_a_law_that_no_simulation_tests_is_proven_by_recordings_that_it_foretold() -> None:
+    """Fresh recordings that show it alone, as clearly as it takes to name a law; less, or its own, do not."""
+    assert belief_of(worth(28.0), 0.95, 2, [said(), worth(17.0), worth(18.5)]).settled
+    short = belief_of(worth(26.0), 0.95, 2, [worth(17.0)])
+    assert short.open == ("hoop.coulomb_friction is untested",) and short.lacks_proof_alone
+    assert not belief_of(worth(80.0), 0.95, 2, [said()]).settled
+    assert not belief_of(worth(80.0), 0.95, 2).settled
+    for refuted in ("weak", "not_confirmed"):
+        assert not belief_of(worth(80.0, refuted), 0.95, 2, [worth(17.0)]).settled
 
 
 def test_a_proposal_that_brings_enough_comes_first_and_without_its_place() -> None:

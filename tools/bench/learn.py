@@ -5,7 +5,8 @@ python tools/bench/learn.py [--rigs 60] [--quiet 20] [--seed N] [--most 12] [--a
 The devices are the proof's own generator's (tools/concealed): parameters 3 to 10 % off, a disturbance, and one effect,
 two thirds of them of the library and a third outside of it, of 5 to 40 nats in one 20 s run. `learn` chooses each run,
 `prbs` repeats the first; both stop by the same rule. It prints runs until settled and right (censored at --most), false
-findings, and how near the limits the true states came. Shares have their Clopper-Pearson intervals (95 %).
+findings, and how near the limits the true states came. Shares have their Clopper-Pearson intervals (95 %). With a
+`--json` that is there it goes on where that ends.
 """
 
 from __future__ import annotations
@@ -37,7 +38,6 @@ from learning.device import SealedDevice  # noqa: E402
 
 from hoopd.commands.learn import Steps, record_until_settled  # noqa: E402
 from hoopd.commands.options.learn import LearnOptions  # noqa: E402
-from hoopd.diagnose.record import Diagnosis  # noqa: E402
 from hoopd.learn.campaign import Campaign, CampaignRequest, DiagnosedRun, RunFiles  # noqa: E402
 from hoopd.learn.choice import MENU, ChosenRun  # noqa: E402
 
@@ -76,8 +76,8 @@ def drawn(number: int, seed: int) -> tuple[str, ...]:
     return (str(rng.choice(names)),)
 
 
-def campaign(device: SealedDevice, arm: str, most: int, seed: int) -> list[Diagnosis]:
-    """The diagnosis after each run."""
+def campaign(device: SealedDevice, arm: str, most: int, seed: int) -> list[DiagnosedRun]:
+    """Its runs."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "campaign"
         made = Repeated(folder) if arm == "prbs" else Campaign(folder)
@@ -85,14 +85,15 @@ def campaign(device: SealedDevice, arm: str, most: int, seed: int) -> list[Diagn
         made.begin(CampaignRequest(budget_s=most * 36.0, confidence=0.95, seed=seed, sim=True, config=None, sets=()))
         steps = SealedSteps(made, options, lambda text: None, device)
         runs, _ = record_until_settled(steps, most * 36.0, most_runs=most)
-        return [one.diagnosis for one in runs]
+        return list(runs)
 
 
-def judged(effects: Sequence[str], answer: dict[str, Any], diagnoses: Sequence[Diagnosis]) -> dict[str, Any]:
-    """Runs until the last word, whether it is right, and what is false in it."""
-    case = Judged(answer, msgspec.to_builtins(diagnoses[-1]))
+def judged(effects: Sequence[str], answer: dict[str, Any], runs: Sequence[DiagnosedRun]) -> dict[str, Any]:
+    """Runs until the last word, whether it is right, what is false in it, and what was still open."""
+    case = Judged(answer, msgspec.to_builtins(runs[-1].diagnosis))
     right = case.silent if not effects else formula(case) if effects[0] in OUTSIDE else case.in_class
-    return {"runs": len(diagnoses), "right": right, "names": case.names}
+    told = {"signals": [" ".join(one.choice.words) for one in runs], "open": list(runs[-1].belief.open)}
+    return {"runs": len(runs), "right": right, "names": case.names, **told}
 
 
 def main() -> None:
@@ -105,10 +106,11 @@ def main() -> None:
     parser.add_argument("--arms", default="learn,prbs")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = json.loads(asked.json.read_text()) if asked.json and asked.json.exists() else []
+    done = {(row["device"], row["arm"]) for row in rows}
     wanted = [*(drawn(k, asked.seed) for k in range(asked.rigs)), *[()] * asked.quiet]
     for number, effects in enumerate(track(wanted, "devices", console=Console(stderr=True))):
-        for arm in asked.arms.split(","):
+        for arm in [one for one in asked.arms.split(",") if (number, one) not in done]:
             device = SealedDevice(tuple(effects), NATS, (asked.seed, number))
             answer = device.answer()
             said = judged(effects, answer, campaign(device, arm, asked.most, number))
