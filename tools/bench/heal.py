@@ -75,6 +75,11 @@ class Kind:
     ball: tuple[float, float] | None = None
     is_learned: bool = True  # whether it should be
 
+    @property
+    def duration_s(self) -> float:
+        """Of a run: what goes again is to be found, learned and found gone."""
+        return DURATION_S + self.for_s
+
 
 KINDS = {
     "dry friction grows": Kind("hoop.coulomb_friction", (("Fc", 0.006, 0.015),)),
@@ -94,7 +99,7 @@ KINDS = {
 def sets_of(kind: Kind, sizes: dict[str, float], rng: np.random.Generator) -> list[str]:
     """The rig's keys: what is hidden, and what the operator asks for."""
     told = ", ".join(f"{key}: {value:.6g}" for key, value in sizes.items())
-    said = [f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in _times()]
+    said = [f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in _times(kind)]
     if kind.ball:
         said += [f"{{at_s: {CHANGE_S - HANDS_S:g}, name: disarm}}", f"{{at_s: {CHANGE_S + HANDS_S:g}, name: arm}}"]
     sets = [f"sim.commands=[{', '.join(said)}]"]
@@ -108,9 +113,9 @@ def sets_of(kind: Kind, sizes: dict[str, float], rng: np.random.Generator) -> li
     return sets
 
 
-def _times() -> Iterator[float]:
+def _times(kind: Kind) -> Iterator[float]:
     t = 2.0
-    while t < DURATION_S - STEP_S:
+    while t < kind.duration_s - STEP_S:
         yield t
         t += STEP_S
 
@@ -149,12 +154,12 @@ def cost_of_run(run: RigRun) -> float:
     return cost_of(run.t, run.dtheta, run.psi, run.u, run.reference)
 
 
-def cost_of_healed(run: HealedRun) -> float:
+def cost_of_healed(run: HealedRun, duration_s: float) -> float:
     """Of a run with one."""
     from hoopd.recording.mcap import read
 
     recording, state = read(run.recording), truth.read(run.folder / "truth.csv")
-    rows = min(len(recording), int(np.searchsorted(state.t, DURATION_S - 1e-6)))  # after it the hoop is braked
+    rows = min(len(recording), int(np.searchsorted(state.t, duration_s - 1e-6)))  # after it the hoop is braked
     ball, dtheta = state.psi[:rows], state.dtheta[:rows]
     return cost_of(recording.t[:rows], dtheta, ball, recording.u[:rows], recording.extra["reference"][:rows])
 
@@ -169,21 +174,25 @@ def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> d
     sets = sets_of(kind, sizes, rng)
     with contextlib.redirect_stderr(io.StringIO()):
         healed = heal_run(
-            folder / "healed", *sets, duration_s=DURATION_S, plan=HealPlan(pause_s=60.0), policy=POLICY, seed=number,
-            wall=wall,
+            folder / "healed", *sets, duration_s=kind.duration_s, plan=HealPlan(pause_s=60.0), policy=POLICY,
+            seed=number, wall=wall,
         )  # fmt: skip
         law = controllers_of(folder / "before") / "lqg.yaml"
         before = run_rig(
-            folder / "before", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=DURATION_S, seed=number
+            folder / "before", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=kind.duration_s, seed=number
         )
         best = before
         if kind.is_learned and not kind.for_s:
             law = designed_on_truth(kind, sizes, folder / "best")
             best = run_rig(
-                folder / "best", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=DURATION_S, seed=number
+                folder / "best", *sets, f"control.file={law}", "sim.psi_rad=0", duration_s=kind.duration_s, seed=number
             )
     accepted = [one for one in healed.versions if one.accepted is not None and one.kind != FOUND]
-    costs = {"healed": cost_of_healed(healed), "before": cost_of_run(before), "best": cost_of_run(best)}
+    costs = {
+        "healed": cost_of_healed(healed, kind.duration_s),
+        "before": cost_of_run(before),
+        "best": cost_of_run(best),
+    }
     return {
         "change": name,
         "sizes": sizes,
