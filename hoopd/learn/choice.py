@@ -23,7 +23,7 @@ MENU = (
     ("prbs", "--clock", "4"),
     ("decay", "--rest", "6"),
 )
-# A law is told again by what has told it; what does not confirm it so often will not.
+# A law is shown again by what has shown it, rivals are told apart by what is foreseen to do so: not oftener than this.
 MOST_PROOFS = 2
 # Options of a proposal that say where to play it: the campaign knows.
 _PLACES = frozenset({"--sim"})
@@ -55,7 +55,7 @@ def next_choice(
     `played`: the words of the runs that there are; `shown_by`: of the run after which a law was named first.
     """
     proposed = _proposed(diagnosis)
-    if proposed is not None and (proposed.expected_nats or 0.0) >= NOT_EXCLUDED_NATS:
+    if proposed is not None and _promises(proposed) and _times(proposed, played) < MOST_PROOFS:
         return proposed
     if (proof := _proof(belief, played, shown_by)) is not None:
         return proof
@@ -63,7 +63,7 @@ def next_choice(
     if other is not None:
         return ChosenRun(other, f"{_because(belief)}; this signal has not been played yet")
     weak = proposed is not None and (proposed.expected_nats or 0.0) > 0.0
-    return proposed if weak and _times(proposed, played) < 2 else None
+    return proposed if weak and _times(proposed, played) < MOST_PROOFS else None
 
 
 def _proof(
@@ -79,6 +79,10 @@ def _proof(
 
 def _because(belief: Belief) -> str:
     return belief.open[0] if belief.open else "to see it once more"
+
+
+def _promises(choice: ChosenRun) -> bool:
+    return (choice.expected_nats or 0.0) >= NOT_EXCLUDED_NATS
 
 
 def _times(choice: ChosenRun | None, played: Sequence[tuple[str, ...]]) -> int:

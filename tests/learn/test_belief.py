@@ -80,6 +80,17 @@ def test_a_proposal_that_brings_enough_comes_first_and_without_its_place() -> No
     assert choice is not None and choice.words == ("multisine", "--low", "0.05") and choice.expected_nats == 40.0
 
 
+def test_a_proposal_that_did_not_bring_what_it_promised_twice_makes_place_for_the_menu() -> None:
+    diagnosis, words = said(0.6, next_experiment=proposal(40.0)), ("multisine", "--low", "0.05")
+    belief = belief_of(diagnosis, 0.95, 2)
+    again = next_choice(diagnosis, belief, [MENU[0], words])
+    other = next_choice(diagnosis, belief, [MENU[0], words, words])
+    assert again is not None and again.words == words
+    assert other is not None and other.words == MENU[1]
+    # where all have been played it ends, whatever is still promised
+    assert next_choice(diagnosis, belief, [*MENU, words, words]) is None
+
+
 def test_a_proposal_that_brings_nothing_leaves_it_to_the_menu_and_then_it_ends() -> None:
     diagnosis = said(0.6, next_experiment=proposal(0.5))
     belief = belief_of(diagnosis, 0.95, 1)

@@ -90,8 +90,8 @@ KINDS = {
     "nothing": Kind(is_learned=False),
     "pictures of half the angle": Kind(fault="picture_scale", sizes=(("factor", 0.5, 0.7),), is_learned=False),
     "another ball": Kind(ball=(0.35, 0.65)),
-    # Dahl's law, as far as the hoop turns a spring: what is held by `--library-only` has no name for it.
-    "the cable winds up": Kind("hoop.dahl_of_theta", (("A", 0.2, 0.4), ("xs", 10.0, 10.0))),
+    # Dahl's law, a spring of 1 to 2 mN m a radian until it slips after turns; no name of the library is near.
+    "the cable winds up": Kind("hoop.dahl_of_theta", (("A", 0.02, 0.04), ("xs", 20.0, 20.0))),
     "the bearing gets stiff": Kind("hoop.friction_drift", (("a", 0.7, 1.5), ("T", 1.0, 1.0))),
 }
 
