@@ -34,9 +34,10 @@ def check_model(model: Model, n: int, *, order: bool = True) -> None:
 
     `order`: the covariance is that of an efficient estimate, so it tells whether the last coefficients are needed.
     """
+    found = poles(model)
     for said in (
-        *_unstable(model, n),
-        *_integrator(model, n),
+        *_unstable(found, n),
+        *_integrator(_reached(model, found), n),
         *_cancelled(model),
         *_undetermined(model),
         *_predictor(model),
@@ -75,6 +76,8 @@ def wald(model: Polynomials, names: Sequence[str]) -> tuple[float, int]:
     x, spread = model.values[at], model.covariance[np.ix_(at, at)]
     if not np.isfinite(spread).all():
         return 0.0, len(at)
+    if len(at) == 1:
+        return float(x[0] ** 2 / max(spread[0, 0], 1e-300)), 1
     size = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     inner = np.linalg.pinv(spread / np.outer(size, size), rcond=1e-10, hermitian=True)
     return float((x / size) @ inner @ (x / size)), len(at)
@@ -106,7 +109,8 @@ def poles(model: Model) -> NDArray[np.complex128]:
     if isinstance(model, Innovations):
         return np.asarray(np.linalg.eigvals(model.a), dtype=complex)
     factors = [model.a, *model.f] if model.nu else [model.a, model.d]
-    return np.concatenate([np.roots(one) for one in factors]).astype(complex)
+    found = [np.roots(one) for one in factors if len(one) > 1]
+    return np.concatenate(found).astype(complex) if found else np.zeros(0, dtype=complex)
 
 
 def drifting(found: NDArray[np.complex128], n: int) -> NDArray[np.complex128]:
@@ -122,22 +126,21 @@ def integrator(pole: complex, n: int, where: str = "") -> str:
     )
 
 
-def _integrator(model: Model, n: int) -> Iterator[str]:
-    for pole in drifting(_reached(model), n)[:1]:
+def _integrator(reached: NDArray[np.complex128], n: int) -> Iterator[str]:
+    for pole in drifting(reached, n)[:1]:
         yield integrator(pole, n)
 
 
-def _reached(model: Model) -> NDArray[np.complex128]:
+def _reached(model: Model, every: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Poles that an input moves, where there is one: a slow disturbance's state drifts by no input."""
     if not isinstance(model, Innovations) or not model.nu:
-        return poles(model)
+        return every
     found, left = np.linalg.eig(model.a.T)
     return np.asarray(found[np.abs(left.T @ model.b).max(axis=1) > NEVER * np.abs(model.b).max(initial=0.0)], complex)
 
 
-def _unstable(model: Model, n: int) -> Iterator[str]:
+def _unstable(found: NDArray[np.complex128], n: int) -> Iterator[str]:
     """Poles outside of the unit circle, of those that are no integrators."""
-    found = poles(model)
     outside = found[(np.abs(found) > 1.0) & (np.abs(found - 1.0) * n >= DICKEY_FULLER)]
     if len(outside):
         worst = outside[np.argmax(np.abs(outside))]
@@ -151,7 +154,7 @@ def _predictor(model: Model) -> Iterator[str]:
     if isinstance(model, Innovations):
         own = np.linalg.eigvals(model.a - model.k @ model.c)
     else:
-        own = np.concatenate([np.roots(one) for one in (model.c, *model.f)])
+        own = np.concatenate([np.zeros(0), *(np.roots(one) for one in (model.c, *model.f) if len(one) > 1)])
     radius = float(np.abs(own).max(initial=0.0))
     if radius > 1.0 + CANCELLED_EXACTLY:
         yield f"the predictor is unstable (a pole of magnitude {radius:.4g}): do not use the model to predict"
