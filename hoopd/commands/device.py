@@ -91,7 +91,7 @@ def _brief(attempt: dict[str, Any]) -> dict[str, Any]:
         from hoopd.files.correction import LEARNED
 
         return {key: attempt[key] for key in LEARNED} | ended
-    shown = {key: attempt[key] for key in ("turns", "least_contact", "settled_s")}
+    shown = {key: attempt[key] for key in ("turns", "least_contact", "settled_s", "off_plan_rad")}
     return {"began": attempt["began_s"]} | shown | ended
 
 

@@ -246,7 +246,7 @@ def _where(options: ManeuverOptions, k: int) -> Where:
 
 def _not_begun(result: dict[str, Any]) -> dict[str, Any]:
     """A run without an attempt, as an attempt is told."""
-    unknown = dict.fromkeys(("began_s", "turns", "least_contact", "settled_s"))
+    unknown = dict.fromkeys(("began_s", "turns", "least_contact", "settled_s", "off_plan_rad"))
     return {**unknown, "ended": result["outcome"], "shortfalls": [], "success": False}
 
 

@@ -32,7 +32,7 @@ from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
 from hoopd.plants.hoop.effects.contact_modes import AIR
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
-from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, judge_maneuver
+from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, angle_errors, judge_maneuver
 from hoopd.plants.hoop.maneuver.restitution import RecordedThrow
 from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import RecordedRun, read_run
@@ -220,6 +220,7 @@ def _attempt(
     began, ended = float(run.t[0]), run.ended_t
     outcome = judge_maneuver(run, track_m, gravity)
     short = outcome.shortfalls(trajectory.maneuver, trajectory.turn)
+    off = angle_errors(run, np.array(trajectory.plan.states), trajectory.sample_time_s)
     return {
         "began_s": began,
         "played_s": round(ended - began, 6),
@@ -231,6 +232,8 @@ def _attempt(
         "loose_s": _number(outcome.loose_s),
         "least_distance": _number(outcome.least_distance),
         "top_s": _number(outcome.top_s),
+        "off_plan_rad": _number(off.plan),
+        "off_estimate_rad": _number(off.estimate),
         "shortfalls": list(short),
         "success": reason == DONE and not short,
     }

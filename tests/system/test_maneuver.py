@@ -62,6 +62,12 @@ def test_the_ball_goes_round_at_the_first_attempt_and_again(tmp_path: Path) -> N
     assert not result["faults"] and all(one["settled_s"] < 0.5 for one in result["attempts"])
     true = truth.read(tmp_path / "truth.csv")
     assert true.psi[-1] == pytest.approx(2 * tau, abs=0.02) and contact(tmp_path) > 0.45
+    plan = np.array(trajectory().plan.states)[:, 2]
+    for attempt in result["attempts"]:  # by the pictures, whose noise is 0.002 rad, as by the rig's own state
+        off = np.interp(attempt["began_s"] + 0.02 * np.arange(len(plan)), true.t, true.psi) - plan
+        rms = np.sqrt(np.mean((off - tau * np.round(off / tau)) ** 2))
+        assert attempt["off_plan_rad"] == pytest.approx(rms, abs=0.002)
+        assert 0.001 < attempt["off_estimate_rad"] < 0.01
 
 
 def test_it_goes_round_where_the_rig_is_another_one(tmp_path: Path) -> None:

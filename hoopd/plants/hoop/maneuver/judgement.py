@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
@@ -108,6 +109,59 @@ class ManeuverOutcome(NamedTuple):
         if not self.settled_s <= SETTLE_WITHIN_S:
             found.append(f"not settled within {SETTLE_WITHIN_S:g} s")
         return tuple(found)
+
+
+class AngleErrors(NamedTuple):
+    """Of the ball while a maneuver was played, by its pictures, rad rms; NaN without any.
+
+    Attributes
+    ----------
+    plan : float
+        How far it was from where it was planned to be.
+    estimate : float
+        How far from where the filter believed it; what a picture errs by is in it.
+    """
+
+    plan: float
+    estimate: float
+
+
+def angle_errors(run: RecordedManeuver, planned: Array, period_s: float) -> AngleErrors:
+    """How far the ball's angle was off.
+
+    Parameters
+    ----------
+    run : RecordedManeuver
+        From its first tick on.
+    planned : ndarray, shape (m, 4)
+        Theta, dtheta, psi, dpsi at the maneuver's ticks.
+    period_s : float
+        From tick to tick, s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, angle_errors
+    >>> t = np.arange(0.0, 1.0, 0.02)
+    >>> steady = np.column_stack([0 * t, 0 * t, t, 0 * t + 1.0])
+    >>> run = RecordedManeuver(t, 0 * t, steady + [0.0, 0.0, 0.01, 0.0], t, t + 0.03, 1.0)
+    >>> [round(one, 3) for one in angle_errors(run, steady, 0.02)]
+    [0.03, 0.02]
+    """
+    if len(run.t) < 2:
+        return AngleErrors(nan, nan)
+    planned_t = run.t[0] + period_s * np.arange(len(planned))
+    last = min(run.ended_t, planned_t[-1], run.t[-1])
+    at = np.isfinite(run.seen) & (run.seen_t >= run.t[0]) & (run.seen_t <= last)
+    # with the speed: in a straight line from tick to tick a ball that goes round is 0.01 rad off
+    courses = [CubicHermiteSpline(t, x[:, 2], x[:, 3]) for t, x in ((planned_t, planned), (run.t, run.states))]
+    off = [course(run.seen_t[at]) - run.seen[at] for course in courses]
+    # the nearest turn: a plan begins at the bottom whichever turn that is
+    return AngleErrors(*(_rms(one - tau * np.round(one / tau)) for one in off))
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else nan
 
 
 def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -> ManeuverOutcome:
