@@ -114,7 +114,7 @@ def _given(steps: Steps) -> dict[str, Any]:
     last = runs[-1]
     proposed = last.diagnosis.next_experiment
     told = "" if proposed is None else proposed.command or proposed.signal
-    ended = "Everything that is named is sure and confirmed." if last.belief.settled else "; ".join(last.belief.open)
+    ended = "Everything that is named is sure and proven." if last.belief.settled else "; ".join(last.belief.open)
     result = _result(runs, ended, None, False, f"Next: {told}" if told else "No input is proposed.")
     result |= {"recorded_s": last.seconds, "next": told}
     _tell(campaign, runs, result, None)
@@ -145,7 +145,7 @@ def record_until_settled(
         runs = campaign.runs(confidence)
         _tell_so_far(campaign, runs)
         if runs and runs[-1].belief.settled:
-            return runs, f"Everything that is named is {confidence:.0%} sure, confirmed, and nothing else stands out."
+            return runs, f"Everything that is named is {confidence:.0%} sure and proven, and nothing else stands out."
         if len(runs) == most_runs:
             return runs, f"{most_runs} runs were played."
         choice = campaign.choose(runs)

@@ -5,7 +5,7 @@ confidence that was asked for is the probability among the laws that are known; 
 
 A law is proven where a simulation of held-out data is better with it. A slip, or another law that acts for moments, may
 never be: the likelihood sees it and the error of a simulation hardly moves ("untested"). It is proven as well where
-recordings that were made after it was named are likelier with it by what names a law.
+recordings that were made after it was named have raised its evidence by what it takes to name a law.
 
 Rules of this file: diagnosis in, words and numbers out.
 """
@@ -24,7 +24,8 @@ LOOKED_FOR_NATS = 4.0
 # What is believed less than so is not drawn or listed.
 LEAST_SHOWN = 0.01
 MOST_SHOWN = 6
-UNPROVEN = ("weak", "untested", "not_confirmed")
+REFUTED = ("weak", "not_confirmed")
+UNPROVEN = (*REFUTED, "untested")
 
 
 @dataclass(frozen=True)
@@ -75,28 +76,35 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int, before: Seque
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
     sure = min(_among_known(_probability(one, diagnosis), _share_of_none(one, unknown)) for one in diagnosis.effects)
     found = tuple(one.name for one in diagnosis.effects)
-    unproven = tuple(one.name for one in diagnosis.effects if _lacks_proof(one, before))
+    unproven = tuple(one.name for one in diagnosis.effects if _lacks_proof(one, diagnosis, before))
     return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence, unproven), _shown(shares), unproven)
 
 
-def _lacks_proof(finding: EffectFinding, before: Sequence[Diagnosis]) -> bool:
+def _lacks_proof(finding: EffectFinding, diagnosis: Diagnosis, before: Sequence[Diagnosis]) -> bool:
     """Whether nothing that was not fitted confirms a law."""
     if finding.is_unknown or finding.status not in UNPROVEN:
         return False
-    return finding.status != "untested" or not _foretold(finding, before)
+    return finding.status in REFUTED or not _shown_again(finding, diagnosis, before)
 
 
-def _foretold(finding: EffectFinding, before: Sequence[Diagnosis]) -> bool:
-    """Whether what was recorded after it was named first raised its evidence by what it takes to be named.
+def _shown_again(finding: EffectFinding, diagnosis: Diagnosis, before: Sequence[Diagnosis]) -> bool:
+    """Whether what was recorded after a law was named first raised its evidence by what it takes to be named.
 
-    A law that is judged by what it foretells: Dawid, J. R. Stat. Soc. A 147 (1984) 278.
+    Evidence is a law's beside the others: it is compared where the same laws were named, all fitted anew. What held-out
+    data once spoke against is not shown by this.
     """
-    then = next((one for told in before for one in told.effects if one.name == finding.name), None)
-    if then is None:
+    if any(one.status in REFUTED for told in before for one in told.effects if one.name == finding.name):
         return False
-    first, now = then.evidence.log_likelihood_gain, finding.evidence.log_likelihood_gain
-    needed = finding.evidence.threshold
+    same = next((told for told in before if _names(told) == _names(diagnosis)), None)
+    if same is None:
+        return False
+    first = next(one for one in same.effects if one.name == finding.name).evidence.log_likelihood_gain
+    now, needed = finding.evidence.log_likelihood_gain, finding.evidence.threshold
     return first is not None and now is not None and needed is not None and now - first >= needed
+
+
+def _names(diagnosis: Diagnosis) -> set[str]:
+    return {one.name for one in diagnosis.effects}
 
 
 def _probability(finding: EffectFinding, diagnosis: Diagnosis) -> float:

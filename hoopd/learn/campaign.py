@@ -93,6 +93,7 @@ class DiagnosedRun:
     seconds: float
     diagnosis: Diagnosis
     belief: Belief
+    recordings: frozenset[str]  # that were diagnosed
 
 
 class Campaign:
@@ -128,9 +129,17 @@ class Campaign:
             choice = read_json(files.choice, ChosenRun)
             diagnosis = parse(file_bytes(files.diagnosis), files.diagnosis)
             kinds = {one.choice.words for one in found} | {choice.words}
-            belief = belief_of(diagnosis, confidence, len(kinds), [one.diagnosis for one in found])
-            found.append(DiagnosedRun(files, choice, recorded_s(files), diagnosis, belief))
+            recordings = self._diagnosed(len(found) + 1, choice)
+            before = [one.diagnosis for one in found if one.recordings < recordings]
+            belief = belief_of(diagnosis, confidence, len(kinds), before)
+            found.append(DiagnosedRun(files, choice, recorded_s(files), diagnosis, belief, recordings))
         return found
+
+    def _diagnosed(self, number: int, choice: ChosenRun) -> frozenset[str]:
+        """Every recording so far; of what was recorded by hand, what was given."""
+        if self.run_files(number).recording.exists():
+            return frozenset(self.run_files(k).folder.name for k in range(1, number + 1))
+        return frozenset(choice.words)
 
     def choose(self, runs: list[DiagnosedRun]) -> ChosenRun | None:
         """What is recorded next: what was chosen before it was broken off, or what the last diagnosis asks for."""

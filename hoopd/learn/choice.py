@@ -23,8 +23,10 @@ MENU = (
     ("prbs", "--clock", "4"),
     ("decay", "--rest", "6"),
 )
-# A law is shown again by what has shown it, rivals are told apart by what is foreseen to do so: not oftener than this.
+# Signals are counted, whatever was asked of them. A law is shown again by what has shown it, so often at most:
 MOST_PROOFS = 2
+# What is foreseen to tell rivals apart, or to show a candidate, is played so often at most.
+MOST_PROPOSALS = 2
 # Options of a proposal that say where to play it: the campaign knows.
 _PLACES = frozenset({"--sim"})
 _SETTINGS = frozenset({"--seed", "--set", "--config"})
@@ -55,15 +57,16 @@ def next_choice(
     `played`: the words of the runs that there are; `shown_by`: of the run after which a law was named first.
     """
     proposed = _proposed(diagnosis)
-    if proposed is not None and _promises(proposed) and _times(proposed, played) < MOST_PROOFS:
+    if proposed is not None and _promises(proposed) and _times(proposed.words, played) < MOST_PROPOSALS:
         return proposed
     if (proof := _proof(belief, played, shown_by)) is not None:
         return proof
     other = next((words for words in MENU if words not in played), None)
     if other is not None:
         return ChosenRun(other, f"{_because(belief)}; this signal has not been played yet")
-    weak = proposed is not None and (proposed.expected_nats or 0.0) > 0.0
-    return proposed if weak and _times(proposed, played) < MOST_PROOFS else None
+    if proposed is None or (proposed.expected_nats or 0.0) <= 0.0:
+        return None
+    return proposed if _times(proposed.words, played) < MOST_PROPOSALS else None
 
 
 def _proof(
@@ -71,7 +74,7 @@ def _proof(
 ) -> ChosenRun | None:
     """For a law that is sure and lacks fresh data that confirm it: what has shown it shows it again."""
     words = shown_by.get(belief.unproven[0]) if belief.lacks_proof_alone else None
-    if words is None or list(played).count(words) > MOST_PROOFS:
+    if words is None or _times(words, played) > MOST_PROOFS:
         return None
     reason = f"{belief.unproven[0]} is named and not confirmed: the signal that showed it, on data that nobody fitted"
     return ChosenRun(words, reason)
@@ -85,8 +88,8 @@ def _promises(choice: ChosenRun) -> bool:
     return (choice.expected_nats or 0.0) >= NOT_EXCLUDED_NATS
 
 
-def _times(choice: ChosenRun | None, played: Sequence[tuple[str, ...]]) -> int:
-    return 0 if choice is None else list(played).count(choice.words)
+def _times(words: tuple[str, ...], played: Sequence[tuple[str, ...]]) -> int:
+    return list(played).count(words)
 
 
 def _proposed(diagnosis: Diagnosis) -> ChosenRun | None:

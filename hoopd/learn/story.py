@@ -35,8 +35,9 @@ def story(runs: Sequence[DiagnosedRun], result: Mapping[str, Any], comparison: M
 
 WORDS = (
     "Sure: the probability of the least sure law among all laws that are known; a share for laws that nobody knows "
-    "stays beside it, whatever is recorded. Settled: everything that is named is as sure as was asked for and "
-    "confirmed by data that were not fitted, and nothing follows a law that has no name. Nats: how much more "
+    "stays beside it, whatever is recorded. Settled: everything that is named is as sure as was asked for, "
+    "confirmed by data that were not fitted or shown again by later recordings, and nothing follows a law that has "
+    "no name. Nats: how much more "
     "probable the recordings are with a law than without, as a logarithm."
 )
 

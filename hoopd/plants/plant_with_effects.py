@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import takewhile
 from typing import Any
 
 import casadi as ca
@@ -288,6 +289,19 @@ class Composite:
                 z[i] = z[self.plant.states.index(other)]
         z[self.nx :] = [u if state is None else z[state] for state in self.settled]
         return z
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Of every element of z: the plant's states, then what lags."""
+        torque = ["lagging torque"] if self._torque_lags else []
+        return (*self.plant.states, *torque, *(f"lagging {channel}" for _, channel in self._sensor_lags))
+
+    def taking_over(self, before: Composite, z: Array, u: float = 0.0) -> Array:
+        """z from that of the same plant with other effects: what both remember goes on, the rest begins."""
+        had = dict(zip(before.state_names, z.tolist(), strict=True))
+        shared = list(takewhile(had.__contains__, self.plant.states))
+        begun = self.beginning(np.array([had[name] for name in shared]), u)
+        return np.array([had.get(name, begun[i]) for i, name in enumerate(self.state_names)])
 
 
 _CSE = {"cse": True}

@@ -213,10 +213,10 @@ class SimEffect(Strict, frozen=True):
 
 
 class SimExchange(Strict, frozen=True):
-    """Another ball or hoop in the rig from a time on: parameters of its plant by name in SI units, the others stay."""
+    """Another ball or hoop in the rig from a time on; pictures keep the radii of the vision section."""
 
     at_s: NotNegative
-    parameters: dict[str, float]
+    parameters: Annotated[dict[str, float], Meta(min_length=1)]  # of the model's structure, in SI units; others stay
 
 
 class SimBoard(Strict, frozen=True):

@@ -61,14 +61,18 @@ def _changes_s(config: Config) -> list[float]:
 
 def rig_parameters(config: Config, model: ModelFile, t: float = 0.0) -> dict[str, float]:
     """All parameters of the rig's plant at a run time; InputError for an exchange that no plant can have."""
-    values = model.values()
-    for index, exchange in sorted(enumerate(config.sim.exchanges), key=lambda one: one[1].at_s):
+    so_far = values = own = model.values()
+    alone = own if config.faults.ball_expected else without_ball(model.structure, own)
+    for index, exchange in sorted(enumerate(config.sim.exchanges), key=lambda pair: pair[1].at_s):
+        key = f"sim.exchanges[{index}].parameters"
+        for name in exchange.parameters:
+            if alone.get(name) != own.get(name):
+                raise InputError("configuration", f"{key}.{name}", "there is no ball: faults.ball_expected is false")
         try:
-            after = check_parameters(model.structure, values | exchange.parameters)
+            so_far = check_parameters(model.structure, so_far | exchange.parameters)
         except ParameterError as error:
-            key = f"sim.exchanges[{index}].parameters.{error.name}"
-            raise InputError("configuration", key, error.reason) from None
-        values = after if exchange.at_s <= t else values
+            raise InputError("configuration", f"{key}.{error.name}", error.reason) from None
+        values = so_far if exchange.at_s <= t else values
     return values if config.faults.ball_expected else without_ball(model.structure, values)
 
 

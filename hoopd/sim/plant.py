@@ -1,6 +1,7 @@
 """The plant of the rig: a model moved through time, with any physics that the daemon's model does not have.
 
-Its physics may become another at times that are told: dry friction that begins after a minute, and goes again.
+Its physics may become another at times that are told: dry friction that begins after a minute, and goes again. What
+moves, and what both remember (a lag, a Dahl state, a warm bearing), goes on then; a ball in the air lands first.
 
 With `ball.lift_off` the ball leaves the hoop where nothing presses it on, flies, and lands: psi is then the direction
 in which it is seen, and its distance from the axis is below the track's.
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from hoopd.core.records import Vector
 from hoopd.plants.compiled import Call
 from hoopd.plants.found_effects import FoundEffect, FoundEffects
-from hoopd.plants.hoop.effects.contact_modes import INNER, ROLLING, ContactCourse, ContactModes
+from hoopd.plants.hoop.effects.contact_modes import AIR, INNER, ROLLING, ContactCourse, ContactModes
 from hoopd.plants.numeric_plant import ADVANCE_STEPS, NumericPlant
 from hoopd.plants.plant_with_effects import Composite
 
@@ -59,6 +60,7 @@ class _Physics:
             (ContactModes(found.plant, effects), values) if any(e.flight is not None for e in effects) else None
         )
         self.has_effects = bool(effects)
+        self.modes = {ROLLING} if self._flying is None else set(self._flying[0].hybrid.modes)
 
     def prepare(self, z: Array) -> None:
         """Makes all functions now, not in the first tick."""
@@ -102,21 +104,39 @@ class RigPlant:
     def restart(self, x0: Vector, *, held: bool = False, t: float = 0.0, inner: bool = False) -> None:
         """Begin anew, at rest in everything but x0: as a plant that is made now."""
         self._t, self._stage = t, 0
-        self._become(x0, INNER if inner else ROLLING)
-        self._held, self._release_t = held, t + self._release_s
+        self._physics = self._stages[0][1]
         self._torques: deque[tuple[float, float]] = deque([(-inf, 0.0)])  # from when on
+        self._landed: list[tuple[float, float]] = []  # flights of the stages before
+        self._begin(self._physics.composite.beginning(np.asarray(x0, float)), INNER if inner else ROLLING)
+        self._held, self._release_t = held, t + self._release_s
         self._past: deque[tuple[float, Array, float]] = deque([(t, self._z, 1.0)])
 
-    def _become(self, x: Vector, mode: str) -> None:
-        """The physics of the stage that has come, with hoop and ball where they are; what was on its way stays so."""
-        self._physics = self._stages[self._stage][1]
-        self._z = self._physics.composite.beginning(np.asarray(x, float))
-        self._course = self._physics.course(self._z)
+    def _begin(self, z: Array, mode: str) -> None:
+        """This stage's physics from a state of its own on."""
+        self._z, self._course = z, self._physics.course(z)
         if self._course is not None and mode == INNER:
-            self._course.restart(self._z, INNER)
+            self._course.restart(z, INNER)
         # a course has steps of its own; the past is kept step by step
         fine = self._physics.has_effects and (self._course is None or self._remembers)
         self._segment_s = STEP_S if fine else SEGMENT_S
+
+    def _change(self) -> None:
+        """The next stage's physics takes over, with hoop and ball where they are; what was on its way stays so."""
+        before, mode, torque_nm = self._physics.composite, self.ball_mode, self._torques[0][1]
+        self._landed = self.flights
+        self._stage += 1
+        self._physics = self._stages[self._stage][1]
+        own = self._physics.composite
+        self._past = deque((t, own.taking_over(before, z, torque_nm), distance) for t, z, distance in self._past)
+        self._begin(own.taking_over(before, self._z, torque_nm), mode)
+
+    def _change_where_due(self) -> None:
+        while self._t >= self._next_stage_t - SAME_S and self._takes_over(self._stages[self._stage + 1][1]):
+            self._change()
+
+    def _takes_over(self, physics: _Physics) -> bool:
+        """Whether a physics has the mode that the ball is in: a flight ends by the laws by which it began."""
+        return self.ball_mode != AIR and self.ball_mode in physics.modes
 
     @property
     def t(self) -> float:
@@ -152,7 +172,7 @@ class RigPlant:
     @property
     def flights(self) -> list[tuple[float, float]]:
         """Begin and end of every flight so far, s."""
-        return [] if self._course is None else self._course.flights(self._t)
+        return self._landed if self._course is None else [*self._landed, *self._course.flights(self._t)]
 
     def sample(self) -> tuple[float, float, float]:
         """theta, dtheta as the encoder gives them now, and no current of its own: the board takes torque over torque
@@ -167,14 +187,14 @@ class RigPlant:
             self._held = False
         if self._held:
             self._t = max(t, self._t)
+            self._change_where_due()
             self._past = deque([(self._t, self._z, 1.0)])
         if torque_nm != self._torques[-1][1]:
             self._torques.append((self._t, torque_nm))
         while t - self._t > SAME_S:
-            if self._t >= self._next_stage_t - SAME_S:
-                self._stage += 1
-                self._become(np.array(self.state), self.ball_mode)
-            h = min(min(t, self._next_torque(), self._next_stage_t) - self._t, self._segment_s)
+            self._change_where_due()
+            until = min(one for one in (t, self._next_torque(), self._next_stage_t) if one > self._t)
+            h = min(until - self._t, self._segment_s)
             self._move(self._torques[0][1], h)
             self._t += h
             if self._remembers:

@@ -63,7 +63,7 @@ def worth(nats: float, status: str = "untested") -> Diagnosis:
     return msgspec.structs.replace(told, effects=[msgspec.structs.replace(told.effects[0], evidence=evidence)])
 
 
-def test_a_law_that_no_simulation_tests_is_proven_by_recordings_that_it_foretold() -> None:
+def test_a_law_that_no_simulation_tests_is_proven_by_later_recordings_that_show_it_again() -> None:
     """Fresh recordings that show it alone, as clearly as it takes to name a law; less, or its own, do not."""
     assert belief_of(worth(28.0), 0.95, 2, [said(), worth(17.0), worth(18.5)]).settled
     short = belief_of(worth(26.0), 0.95, 2, [worth(17.0)])
@@ -72,6 +72,20 @@ def test_a_law_that_no_simulation_tests_is_proven_by_recordings_that_it_foretold
     assert not belief_of(worth(80.0), 0.95, 2).settled
     for refuted in ("weak", "not_confirmed"):
         assert not belief_of(worth(80.0, refuted), 0.95, 2, [worth(17.0)]).settled
+        assert not belief_of(worth(80.0), 0.95, 3, [worth(17.0), worth(16.0, refuted)]).settled
+
+
+def test_evidence_is_compared_beside_the_same_laws_alone() -> None:
+    """A law's nats rise or fall with what is named beside it, without that a recording says so."""
+
+    def with_another(told: Diagnosis) -> Diagnosis:
+        other = msgspec.structs.replace(told.effects[0], name="camera.latency", status="confirmed")
+        return msgspec.structs.replace(told, effects=[*told.effects, other])
+
+    both = with_another(worth(40.0))
+    assert not belief_of(worth(80.0), 0.95, 2, [both]).settled
+    assert not belief_of(with_another(worth(80.0)), 0.95, 2, [worth(17.0)]).settled
+    assert belief_of(with_another(worth(80.0)), 0.95, 3, [worth(17.0), both]).settled
 
 
 def test_a_proposal_that_brings_enough_comes_first_and_without_its_place() -> None:

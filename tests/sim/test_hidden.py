@@ -169,12 +169,89 @@ def test_another_ball_is_in_the_hoop_from_its_time_on_and_the_next_one_after_it(
         ("{at_s: 1, parameters: {mass: 0.02}}", "sim.exchanges[0].parameters.mass"),
         ("{at_s: 1, parameters: {mb: -0.02}}", "sim.exchanges[0].parameters.mb"),
         ("{at_s: 1, parameters: {Rb: 0.2}}", "sim.exchanges[0].parameters.Rb"),
+        ("{at_s: 1, parameters: {}}", "sim.exchanges[0].parameters"),
     ],
 )
 def test_what_no_hoop_can_be_is_one_line(exchange: str, key: str) -> None:
     with pytest.raises(InputError) as raised:
         exchanging(exchange)
     assert raised.value.key == key
+
+
+def test_exchanges_add_up_in_the_order_of_their_times() -> None:
+    told = exchanging("{at_s: 2, parameters: {Rb: 0.2}}", "{at_s: 1, parameters: {Ro: 0.4}}")
+    assert [numbers["Rb"] for _, _, numbers in told["later"]] == [FILE.values()["Rb"], 0.2]
+
+
+def test_another_ball_where_none_is_expected_is_one_line() -> None:
+    sets = ["faults.ball_expected=false", "sim.exchanges=[{at_s: 1, parameters: {Jh: 0.01, mb: 0.02}}]"]
+    config = configuration.load(None, sim=True, overrides=sets)
+    with pytest.raises(InputError) as raised:
+        parts.plant_arguments(config, FILE)
+    assert raised.value.key == "sim.exchanges[0].parameters.mb"
+
+
+def of(*entries: FoundEffect, **numbers: float) -> FoundEffects:
+    return FoundEffects(FILE.structure, FILE.values() | numbers, entries)
+
+
+def test_two_exchanges_while_hands_hold_the_ball_are_the_last_one() -> None:
+    later = [(0.2, of(mb=0.02)), (0.4, of(mb=0.08))]
+    changing = RigPlant(of(), START, held=True, hold_s=1.0, later=later)
+    last = RigPlant(of(mb=0.08), START, held=True, hold_s=1.0)
+    for one in (changing, last):
+        for t, u in ((0.1, 0.0), (1.1, 0.0), (1.2, 0.05), (1.5, 0.05)):
+            one.advance(t, u)
+    assert changing.state == last.state != tuple(START)
+
+
+def test_what_an_effect_remembers_goes_on_through_an_exchange_of_nothing() -> None:
+    """A cable wound up half a turn, a lag, a camera that shows the past: nothing in them is of the change."""
+    told = (
+        FoundEffect("hoop.dahl_of_theta", {"A": 0.03, "xs": 20.0}),
+        FoundEffect("actuator.lag", {"T": 0.05}),
+        FoundEffect("camera.latency", {"d": 0.03}),
+        FoundEffect("camera.angle_offset", {"d": 0.01}),
+    )
+    changing, plain = RigPlant(of(*told), START, later=[(0.5, of(*told))]), RigPlant(of(*told), START)
+    for k in range(1, 100):
+        for one in (changing, plain):
+            one.advance(0.01 * k, 0.1)
+        assert changing.state == pytest.approx(plain.state, abs=1e-12)
+        assert changing.shown == pytest.approx(plain.shown, abs=1e-12)
+
+
+def test_what_was_seen_before_friction_with_a_memory_began_is_still_shown_late() -> None:
+    late = FoundEffect("camera.latency", {"d": 0.04})
+    begins = of(late, FoundEffect("hoop.dahl_of_theta", {"A": 0.03, "xs": 20.0}))
+    changing = RigPlant(of(late), START, later=[(0.2, begins)])
+    past = {}
+    for k in range(1, 200):
+        changing.advance(0.002 * k, 0.05)
+        past[k] = changing.state[2]
+        if k > 20:
+            assert changing.shown[2] == pytest.approx(past[k - 20], abs=1e-5)
+
+
+def test_a_change_waits_until_a_flying_ball_has_landed() -> None:
+    """The ball is on its way at 8 m/s when dry friction begins: it flies on as it would have, and lands."""
+    flies = FoundEffect("ball.lift_off", {"grip": 0.3, "restitution": 0.0})
+    rough = of(flies, FoundEffect("hoop.coulomb_friction", {"Fc": 0.02}))
+    fast = np.array([0.0, 0.0, 1.5, 9.0])
+    plain = RigPlant(of(flies), fast)
+    flights: list[str] = []
+    while plain.ball_mode != "air" and plain.t < 3.0:
+        plain.advance(plain.t + 0.002, 0.0)
+    begun = plain.t
+    changing, plain = RigPlant(of(flies), fast, later=[(begun + 0.004, rough)]), RigPlant(of(flies), fast)
+    while plain.t < begun + 1.0:
+        for one in (changing, plain):
+            one.advance(one.t + 0.002, 0.0)
+        flights.append(changing.ball_mode)
+        if plain.t > 0.01 + begun and plain.ball_mode == "air" and len(plain.flights) == 1:
+            assert changing.distance == plain.distance < 1.0
+    assert changing.flights[0] == plain.flights[0] and flights[-1] == "rolling"
+    assert changing.state[1] != plain.state[1]
 
 
 def test_a_camera_that_becomes_late_shows_the_past_from_then_on() -> None:
