@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import json
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,6 +37,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
 from concealed.proportions import shown  # noqa: E402
 from harness.healed_rig import HealedRun, controllers_of, heal_run  # noqa: E402
+from harness.kept_rows import KeptRows  # noqa: E402
 from harness.rigrun import RigRun, run_rig  # noqa: E402
 
 from hoopd.commands.step_commands import run_step  # noqa: E402
@@ -46,6 +46,7 @@ from hoopd.files.controller import load_controller  # noqa: E402
 from hoopd.files.heal_policy import HealPolicy  # noqa: E402
 from hoopd.files.heal_versions import FOUND  # noqa: E402
 from hoopd.files.model import EffectEntry, Parameter, model_text  # noqa: E402
+from hoopd.files.reading import InputError  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402
 from hoopd.heal.cost_promise import figure, summed  # noqa: E402
 from hoopd.heal.plan import HealPlan  # noqa: E402
@@ -89,28 +90,30 @@ KINDS = {
     "friction for 150 s": Kind("hoop.coulomb_friction", (("Fc", 0.01, 0.015),), for_s=150.0),
     "nothing": Kind(is_learned=False),
     "pictures of half the angle": Kind(fault="picture_scale", sizes=(("factor", 0.5, 0.7),), is_learned=False),
+    "the bearing gets stiff": Kind("hoop.friction_drift", (("a", 0.7, 1.5), ("T", 1.0, 1.0))),
     "another ball": Kind(ball=(0.35, 0.65)),
     # Dahl's law, a spring of 1 to 2 mN m a radian until it slips after turns; no name of the library is near.
     "the cable winds up": Kind("hoop.dahl_of_theta", (("A", 0.02, 0.04), ("xs", 20.0, 20.0))),
-    "the bearing gets stiff": Kind("hoop.friction_drift", (("a", 0.7, 1.5), ("T", 1.0, 1.0))),
 }
 
 
 def sets_of(kind: Kind, sizes: dict[str, float], rng: np.random.Generator) -> list[str]:
     """The rig's keys: what is hidden, and what the operator asks for."""
     told = ", ".join(f"{key}: {value:.6g}" for key, value in sizes.items())
-    said = [f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in _times(kind)]
+    commands = [
+        f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in _times(kind)
+    ]
+    hidden: list[str] = []
     if kind.ball:
-        said += [f"{{at_s: {CHANGE_S - HANDS_S:g}, name: disarm}}", f"{{at_s: {CHANGE_S + HANDS_S:g}, name: arm}}"]
-    sets = [f"sim.commands=[{', '.join(said)}]"]
-    if kind.ball:
-        sets.append(f"sim.exchanges=[{{at_s: {CHANGE_S:g}, parameters: {{{told}}}}}]")
-    if kind.effect:
+        commands.append(f"{{at_s: {CHANGE_S - HANDS_S:g}, name: disarm}}")
+        commands.append(f"{{at_s: {CHANGE_S + HANDS_S:g}, name: arm}}")
+        hidden = [f"sim.exchanges=[{{at_s: {CHANGE_S:g}, parameters: {{{told}}}}}]"]
+    elif kind.effect:
         effect = f"{{name: {kind.effect}, parameters: {{{told}}}, at_s: {CHANGE_S:g}, for_s: {kind.for_s:g}}}"
-        sets.append(f"sim.effects=[{effect}]")
-    if kind.fault:
-        sets.append(f"sim.faults=[{{kind: {kind.fault}, at_s: {CHANGE_S:g}, params: {{{told}}}}}]")
-    return sets
+        hidden = [f"sim.effects=[{effect}]"]
+    elif kind.fault:
+        hidden = [f"sim.faults=[{{kind: {kind.fault}, at_s: {CHANGE_S:g}, params: {{{told}}}}}]"]
+    return [f"sim.commands=[{', '.join(commands)}]", *hidden]
 
 
 def _times(kind: Kind) -> Iterator[float]:
@@ -126,14 +129,13 @@ def designed_on_truth(kind: Kind, sizes: dict[str, float], folder: Path) -> Path
     model = load_model(place / "models" / "hoop.yaml")
     if kind.ball:
         units: Mapping[str, str] = PARAMETER_UNITS[model.structure]
+        ball = {key: Parameter(value=value, unit=units[key]) for key, value in sizes.items()}
+        model = msgspec.structs.replace(model, parameters=model.parameters | ball)
     else:
         declared = known_effects(effects_plant(model), [kind.effect])[kind.effect]
         units = {one.name: one.unit for one in declared.parameters}
-    told = {key: Parameter(value=value, unit=units[key]) for key, value in sizes.items()}
-    if kind.ball:
-        model = msgspec.structs.replace(model, parameters=model.parameters | told)
-    else:
-        model = msgspec.structs.replace(model, effects=[EffectEntry(name=kind.effect, parameters=told)])
+        parameters = {key: Parameter(value=value, unit=units[key]) for key, value in sizes.items()}
+        model = msgspec.structs.replace(model, effects=[EffectEntry(name=kind.effect, parameters=parameters)])
     (folder / "truth.yaml").write_text(model_text(model))
     path = place / "truth_law.yaml"
     run_step(["design", "lqg", "--model", folder / "truth.yaml", "--out", path], folder / "design.log")
@@ -170,7 +172,7 @@ def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> d
     sizes = {key: float(rng.uniform(low, high)) for key, low, high in kind.sizes}
     if kind.ball:
         share, values = rng.uniform(*kind.ball), load_model(defaults_folder() / "models" / "hoop.yaml").values()
-        sizes = {name: float(share * values[name]) for name in ("mb", "Ib")}
+        sizes = {key: float(share * values[key]) for key in ("mb", "Ib")}
     sets = sets_of(kind, sizes, rng)
     with contextlib.redirect_stderr(io.StringIO()):
         healed = heal_run(
@@ -248,14 +250,16 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     names = [name for name in KINDS if not asked.only or name in asked.only]
-    rows: list[dict[str, Any]] = json.loads(asked.json.read_text()) if asked.json and asked.json.exists() else []
-    for number in track(range(len(rows), asked.changes), "changes", console=Console(stderr=True)):
+    question = {"seed": asked.seed, "kinds": names, "charged": "wall" if asked.wall else "processor"}
+    try:
+        kept = KeptRows(asked.json, question)
+    except InputError as error:
+        parser.error(str(error))
+    for number in track(range(len(kept.rows), asked.changes), "changes", console=Console(stderr=True)):
         with tempfile.TemporaryDirectory(prefix="hoopd-heal-") as place:
-            rows.append(changed(names[number % len(names)], number, asked.seed, Path(place), wall=asked.wall))
-        if asked.json:
-            asked.json.write_text(json.dumps(rows, indent=1))
-    show(rows)
-    return int(any(wrong(row) for row in rows))
+            kept.add(changed(names[number % len(names)], number, asked.seed, Path(place), wall=asked.wall))
+    show(kept.rows)
+    return int(any(wrong(row) for row in kept.rows))
 
 
 if __name__ == "__main__":

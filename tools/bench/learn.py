@@ -6,7 +6,7 @@ The devices are the proof's own generator's (tools/concealed): parameters 3 to 1
 two thirds of them of the library and a third outside of it, of 5 to 40 nats in one 20 s run. `learn` chooses each run,
 `prbs` repeats the first; both stop by the same rule. It prints runs until settled and right (censored at --most), false
 findings, and how near the limits the true states came. Shares have their Clopper-Pearson intervals (95 %). With a
-`--json` that is there it goes on where that ends.
+`--json` that is there it goes on where that ends; a quiet device is the same one however many others there are.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ from concealed.effects import OUTSIDE, SINGLES  # noqa: E402
 from concealed.judged import Judged  # noqa: E402
 from concealed.outside.judge import formula  # noqa: E402
 from concealed.proportions import shown  # noqa: E402
+from harness.kept_rows import KeptRows  # noqa: E402
 from learning.device import SealedDevice  # noqa: E402
 
 from hoopd.commands.learn import Steps, record_until_settled  # noqa: E402
 from hoopd.commands.options.learn import LearnOptions  # noqa: E402
+from hoopd.files.reading import InputError  # noqa: E402
 from hoopd.learn.campaign import Campaign, CampaignRequest, DiagnosedRun, RunFiles  # noqa: E402
 from hoopd.learn.choice import MENU, ChosenRun  # noqa: E402
 
@@ -106,21 +108,23 @@ def main() -> None:
     parser.add_argument("--arms", default="learn,prbs")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    rows: list[dict[str, Any]] = json.loads(asked.json.read_text()) if asked.json and asked.json.exists() else []
-    done = {(row["device"], row["arm"]) for row in rows}
-    wanted = [*(drawn(k, asked.seed) for k in range(asked.rigs)), *[()] * asked.quiet]
-    for number, effects in enumerate(track(wanted, "devices", console=Console(stderr=True))):
-        for arm in [one for one in asked.arms.split(",") if (number, one) not in done]:
-            device = SealedDevice(tuple(effects), NATS, (asked.seed, number))
+    try:
+        kept = KeptRows(asked.json, {"seed": asked.seed, "most": asked.most})
+    except InputError as error:
+        parser.error(str(error))
+    done = {(row["device"], row["arm"]) for row in kept.rows}
+    hidden = [(f"{k}", drawn(k, asked.seed), (asked.seed, k)) for k in range(asked.rigs)]
+    quiet = [(f"quiet {k}", (), (asked.seed, k, 1)) for k in range(asked.quiet)]
+    for name, effects, seed in track([*hidden, *quiet], "devices", console=Console(stderr=True)):
+        for arm in [one for one in asked.arms.split(",") if (name, one) not in done]:
+            device = SealedDevice(effects, NATS, seed)
             answer = device.answer()
-            said = judged(effects, answer, campaign(device, arm, asked.most, number))
+            last_word = judged(effects, answer, campaign(device, arm, asked.most, seed[1]))
             use = max(max(one.most_angle_rad / 1.25, one.most_speed_rad_s / 45.0) for one in device.runs)
             nats = [one["nats"] for one in answer["effects"]]
-            rows.append({"device": number, "hidden": effects, "nats": nats, "arm": arm, "use": use, **said})
-            if asked.json:
-                asked.json.write_text(json.dumps(rows, indent=1))
+            kept.add({"device": name, "hidden": effects, "nats": nats, "arm": arm, "use": use, **last_word})
     for arm in asked.arms.split(","):
-        show(arm, [row for row in rows if row["arm"] == arm], asked.most)
+        show(arm, [row for row in kept.rows if row["arm"] == arm], asked.most)
 
 
 def show(arm: str, rows: Sequence[dict[str, Any]], most: int) -> None:
@@ -129,7 +133,7 @@ def show(arm: str, rows: Sequence[dict[str, Any]], most: int) -> None:
     for row in rows:
         nats = ", ".join(f"{one / 3.0:.0f}" for one in row["nats"] if one is not None)
         cells = (", ".join(row["hidden"]) or "-", nats, str(row["runs"]), ", ".join(row["names"]) or "-")
-        table.add_row(str(row["device"]), *cells, "yes" if row["right"] else "no", f"{row['use']:.2f}")
+        table.add_row(row["device"], *cells, "yes" if row["right"] else "no", f"{row['use']:.2f}")
     console.print(table)
     hidden, quiet = [row for row in rows if row["hidden"]], [row for row in rows if not row["hidden"]]
     counted = [row["runs"] if row["right"] else most for row in hidden]
