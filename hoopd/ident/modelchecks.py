@@ -77,7 +77,7 @@ def wald(model: Polynomials, names: Sequence[str]) -> tuple[float, int]:
     if not np.isfinite(spread).all():
         return 0.0, len(at)
     if len(at) == 1:
-        return float(x[0] ** 2 / max(spread[0, 0], 1e-300)), 1
+        return float(x[0] ** 2 / spread[0, 0]) if spread[0, 0] > 0.0 else 0.0, 1
     size = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     inner = np.linalg.pinv(spread / np.outer(size, size), rcond=1e-10, hermitian=True)
     return float((x / size) @ inner @ (x / size)), len(at)

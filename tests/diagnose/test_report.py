@@ -65,7 +65,6 @@ def one_drawing() -> str:
     return TRUE_SVG(style.figure())
 
 
-@cache
 def made(name: str) -> bytes:
     """The page of an example with its true drawings, whichever test asks first."""
     with pytest.MonkeyPatch.context() as true:

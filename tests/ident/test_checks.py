@@ -20,7 +20,7 @@ from hoopd.ident.checks import (
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.lagged import lagged_gram
 from hoopd.ident.loopchecks import answers, check_feedback
-from hoopd.ident.modelchecks import check_model
+from hoopd.ident.modelchecks import check_model, wald
 from hoopd.ident.models import Polynomials, innovations
 from hoopd.ident.models import state_space as realised
 
@@ -175,3 +175,14 @@ def test_an_unknown_coefficient_is_said() -> None:
     )  # fmt: skip
     with pytest.warns(IdentificationWarning, match=r"f1 is known to \+-1"):
         check_model(model, 100)
+
+
+def test_a_coefficient_without_a_spread_counts_as_nothing_and_others_by_theirs() -> None:
+    """As many at once do: what a fit held fixed is no evidence."""
+    model = Polynomials(
+        1.0, a=np.array([1.0, -0.5, 0.2]), b=(np.array([0.0, 1.0]),), names=("a1", "a2", "b1"),
+        values=np.array([-0.5, 0.2, 1.0]), covariance=np.diag([0.0, 0.04, 0.25]),
+    )  # fmt: skip
+    assert wald(model, ["a1"]) == (0.0, 1)
+    assert wald(model, ["a2"]) == (pytest.approx(1.0), 1)
+    assert wald(model, ["a1", "a2", "b1"]) == (pytest.approx(5.0), 3)

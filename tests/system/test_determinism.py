@@ -50,7 +50,7 @@ RUNS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", sampled(RUNS, ["arx", "pictures"]))
+@pytest.mark.parametrize("name", sampled(RUNS, ["arx", "pictures", "link lost and armed again"]))
 def test_replay_is_equal_to_the_bit(name: str, tmp_path: Path) -> None:
     found = run(tmp_path, **{"duration_s": 4.5, **RUNS[name]})
     result = replay(found.recordings[0])

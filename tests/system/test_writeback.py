@@ -98,7 +98,7 @@ def test_nothing_is_fed_forward_outside_of_the_region_or_when_it_is_switched_off
     assert np.abs(torques["known"][:50] - torques["off"][:50]).max() > 0.003
 
 
-@pytest.mark.parametrize("hidden", sampled([True, False], [True]))
+@pytest.mark.parametrize("hidden", [True, False])
 def test_a_model_that_is_wrong_is_told_once_and_nothing_stops(hidden: bool, tmp_path: Path) -> None:
     effects = [{"name": "hoop.imbalance", "parameters": {"A": 0.008, "phi": 0.7}}] if hidden else []
     commands = [{"at_s": 2.0 + 3.0 * k, "name": "reference", "value": 0.03 * (-1) ** k} for k in range(14)]
