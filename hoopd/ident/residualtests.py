@@ -9,7 +9,7 @@ experiment into another.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from hoopd.ident.data import Data, experiments
 from hoopd.ident.normal import Z95
 from hoopd.ident.prediction import Start, prediction_error
 from hoopd.ident.spectral import correlation
-from hoopd.ident.whitening import COLOUR, EACH, FEWEST, colour_of, whitened
+from hoopd.ident.whitening import COLOUR, EACH, FEWEST, all_known, colour_of, parts_of, whitened_parts
 
 Array = NDArray[np.float64]
 
@@ -175,64 +175,104 @@ def _correlations(x: Array, y: Array, lags: int) -> tuple[Array, NDArray[np.int_
 
 def _after(x: Array, w: Array, lags: int, name: str) -> Test:
     k = np.arange(lags + 1)
-    columns = _lagged(w, k)
-    rows = np.isfinite(x) & np.isfinite(columns).all(axis=1)
-    columns[~rows] = 0.0
-    known = np.where(rows, x, 0.0)
-    basis, samples = _span(columns), int(rows.sum())
-    rest = np.where(rows, x - basis @ (basis.T @ known), np.nan)
-    spare = samples - basis.shape[1] - COLOUR
+    rows, r = np.isfinite(x) & all_known(w, lags), _correlations(x, w, lags)[0][lags:]
+    samples, known, complete = int(rows.sum()), np.where(rows, x, 0.0), np.nan_to_num(w)
+
+    def lagged(begin: int, end: int) -> Array:
+        return np.where(rows[begin:end, None], _lagged(complete, k, begin, end), 0.0)
+
+    gram = _gram(len(x), lambda begin, end: np.column_stack([known[begin:end], lagged(begin, end)]))
+    span = _span(gram[1:, 1:])
+    by_input = span @ (span.T @ gram[1:, 0])
+    rest = np.concatenate([known[begin:end] - lagged(begin, end) @ by_input for begin, end in parts_of(len(x))])
+    rest[~rows] = np.nan
+    spare = samples - span.shape[1] - COLOUR
     size = float(np.nansum(rest**2))
-    r = _correlations(x, w, lags)[0][lags:]
-    if basis.shape[1] == 0 or spare < FEWEST or size <= 0.0:
+    if span.shape[1] == 0 or spare < FEWEST or size <= 0.0:
         return Test(name, k, r, Z95 / np.sqrt(max(samples, 1)), 1.0)
     colour, share = colour_of(rest)
-    white = whitened(colour, np.where(rows[:, None], np.column_stack([x, basis]), np.nan))
-    into = _span(white[:, 1:])
-    told, degrees = float(np.sum((into.T @ white[:, 0]) ** 2)), into.shape[1]
-    noise = (float(white[:, 0] @ white[:, 0]) - told) / max(len(white) - degrees - len(colour) + 1, 1)
+    del rest
+    gram, white = _whitened_gram(colour, rows, lambda b, e: np.column_stack([known[b:e], lagged(b, e) @ span]))
+    into = _span(gram[1:, 1:])
+    told, degrees = float(np.sum((into.T @ gram[1:, 0]) ** 2)), into.shape[1]
+    noise = (float(gram[0, 0]) - told) / max(white - degrees - len(colour) + 1, 1)
     chance = float(stats.f.sf(told / degrees / max(noise, np.finfo(float).tiny), degrees, spare))
     # sd of sum_t u(t - k) e(t), as the errors' own colour makes it
-    spread = signal.lfilter([1.0], colour, columns[::-1], axis=0)
-    deviation = np.sqrt(share * size / (samples - basis.shape[1]) * np.sum(spread**2, axis=0).mean())
+    spread = np.mean([_power_behind(colour, rows, complete, lag) for lag in range(lags + 1)])
+    deviation = np.sqrt(share * size / (samples - span.shape[1]) * spread)
     band = Z95 * deviation / max(samples * np.std(x[rows]) * np.nanstd(w), np.finfo(float).tiny)
     return Test(name, k, r, float(band), chance)
+
+
+def _power_behind(colour: Array, rows: NDArray[np.bool_], w: Array, lag: int) -> float:
+    """Sum of squares of w(t - lag) at some rows, behind the errors' own colour taken backwards."""
+    column = np.where(rows, _lagged(w, np.array([lag]))[:, 0], 0.0)
+    spread = signal.lfilter([1.0], colour, column[::-1])
+    return float(spread @ spread)
 
 
 def _before(x: Array, w: Array, lags: int, name: str) -> Test:
     k = np.arange(-lags, 0)
     order = min(MOST_LAGS, len(w) // EACH)
-    past = _lagged(w, np.arange(order + 1))
-    late = _lagged(np.nan_to_num(x), -k)
-    rows = np.isfinite(past).all(axis=1) & np.isfinite(late).all(axis=1)
-    past, late = past[rows], late[rows]
-    own = _span(past[:, 1:])
-    fresh = past[:, 0] - own @ (own.T @ past[:, 0])
-    power, spare = float(fresh @ fresh), len(fresh) - own.shape[1] - lags
-    if spare < FEWEST or power <= FORETOLD * float(past[:, 0] @ past[:, 0]):
-        return Test(name, k, np.zeros(lags), Z95 / np.sqrt(max(len(fresh), 1)), 1.0)
-    late = late - own @ (own.T @ late)
-    basis = _span(late)
-    told = float(np.sum((basis.T @ fresh) ** 2))
+    rows = all_known(w, order)
+    rows[:lags] = False
+    errors, complete, samples = np.nan_to_num(x), np.nan_to_num(w), int(rows.sum())
+
+    def signals(begin: int, end: int) -> Array:
+        """The input's past, the input now, the errors before it."""
+        past = _lagged(complete, np.arange(order, -1, -1), begin, end)
+        return np.column_stack([past, _lagged(errors, -k, begin, end)])[rows[begin:end]]
+
+    gram = _gram(len(w), signals)
+    own = _span(gram[:order, :order])
+    by_past = own @ (own.T @ gram[:order, order:])
+
+    def fresh(begin: int, end: int) -> Array:
+        both = signals(begin, end)
+        return both[:, order:] - both[:, :order] @ by_past
+
+    left = _gram(len(w), fresh)
+    power, spare = float(left[0, 0]), samples - own.shape[1] - lags
+    if spare < FEWEST or power <= FORETOLD * float(gram[order, order]):
+        return Test(name, k, np.zeros(lags), Z95 / np.sqrt(max(samples, 1)), 1.0)
+    basis = _span(left[1:, 1:])
+    told = float(np.sum((basis.T @ left[1:, 0]) ** 2))
     degrees = max(basis.shape[1], 1)
     chance = float(stats.f.sf(told / degrees / max((power - told) / spare, np.finfo(float).tiny), degrees, spare))
-    size = np.sqrt(power * np.maximum(np.sum(late**2, axis=0), np.finfo(float).tiny))
-    return Test(name, k, late.T @ fresh / size, Z95 / np.sqrt(len(fresh)), chance)
+    size = np.sqrt(power * np.maximum(np.diag(left)[1:], np.finfo(float).tiny))
+    return Test(name, k, left[1:, 0] / size, Z95 / np.sqrt(samples), chance)
 
 
-def _lagged(w: Array, lags: NDArray[np.int64]) -> Array:
-    """Columns w(t - k); NaN before the first sample."""
-    out = np.full((len(w), len(lags)), np.nan)
+def _lagged(w: Array, lags: NDArray[np.int64], begin: int = 0, end: int | None = None) -> Array:
+    """Columns w(t - k) of the rows from `begin` to `end`; zero before the first sample."""
+    end = len(w) if end is None else end
+    out = np.zeros((end - begin, len(lags)))
     for i, k in enumerate(lags):
-        out[k:, i] = w[: len(w) - k]
+        first = min(max(begin, k), end)
+        out[first - begin :, i] = w[first - k : end - k] if first < end else 0.0
     return out
 
 
-def _span(columns: Array) -> Array:
-    """Orthonormal basis (n, rank) of the columns."""
-    values, vectors = np.linalg.eigh(columns.T @ columns)
+def _gram(n: int, columns_of: Callable[[int, int], Array]) -> Array:
+    """X'X of n rows, which are made part after part."""
+    total = np.zeros(())
+    for part in parts_of(n):
+        columns = columns_of(*part)
+        total = total + columns.T @ columns
+    return total
+
+
+def _whitened_gram(a: Array, known: NDArray[np.bool_], columns_of: Callable[[int, int], Array]) -> tuple[Array, int]:
+    """The same of the known rows made white, and how many rows that are."""
+    parts = [(white.T @ white, len(white)) for white in whitened_parts(a, known, columns_of)]
+    return np.sum([one for one, _ in parts], axis=0), sum(count for _, count in parts)
+
+
+def _span(gram: Array) -> Array:
+    """Vectors (m, rank) by which columns X of this X'X become an orthonormal basis of their span."""
+    values, vectors = np.linalg.eigh(gram)
     kept = values > SINGULAR * max(float(values[-1]), np.finfo(float).tiny)
-    return np.asarray(columns @ (vectors[:, kept] / np.sqrt(values[kept])))
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
 @dataclass(frozen=True)

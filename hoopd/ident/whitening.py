@@ -5,9 +5,11 @@ Rules of this file: pure numbers; NaN is a sample that was not measured, and cou
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal
+from scipy import linalg
 
 Array = NDArray[np.float64]
 
@@ -15,6 +17,8 @@ Array = NDArray[np.float64]
 COLOUR, EACH = 10, 20
 # Errors (or products of them at one lag) below which chance is not normal.
 FEWEST = 10
+# Rows of a long signal that are looked at together.
+PART = 1 << 15
 
 
 def colour_of(rest: Array) -> tuple[Array, float]:
@@ -44,28 +48,71 @@ def colour_of(rest: Array) -> tuple[Array, float]:
     return best
 
 
-def whitened(a: Array, columns: Array) -> Array:
+def whitened_parts(a: Array, known: NDArray[np.bool_], columns_of: Callable[[int, int], Array]) -> Iterator[Array]:
     """Rows of signals (n, m) without what the rows before tell by the autoregression `a`, all of one variance.
 
-    Rows with NaN in the first column are left out; past them a Kalman filter of the autoregression carries on, so what
-    comes out is L^-1 of the known rows, L L' the covariance of such noise at them.
+    `columns_of(begin, end)` makes these rows; those that are not `known` are left out, and a Kalman filter of the
+    autoregression carries on past them: what comes out, part after part, is L^-1 of the known rows, L L' the covariance
+    of such noise at them. After as many known rows as the autoregression is long the filter knows its state: what is
+    new is a sum then.
     """
-    p, known = len(a) - 1, np.isfinite(columns[:, 0])
-    if p == 0:
-        return columns[known]
-    if known.all():
-        return np.asarray(signal.lfilter(a, [1.0], columns, axis=0)[p:])
-    into, new = np.vstack([-a[1:], np.eye(p)[:-1]]), np.diag([1.0] + [0.0] * (p - 1))
-    cov, state = linalg.solve_discrete_lyapunov(into, new), np.zeros((p, columns.shape[1]))
-    out = np.empty((int(known.sum()), columns.shape[1]))
-    row = 0
-    for t in range(len(columns)):
-        if known[t]:
-            gain = cov[:, 0] / cov[0, 0]
-            fresh = columns[t] - state[0]
-            out[row] = fresh / np.sqrt(cov[0, 0])
-            state = state + np.outer(gain, fresh)
-            cov = cov - np.outer(gain, cov[0])
-            row += 1
-        state, cov = into @ state, into @ cov @ into.T + new
+    p = len(a) - 1
+    by_sum = known & all_known(np.where(known, 0.0, np.nan), p)
+    carry = _Carried(a, columns_of(0, 0).shape[1])
+    for begin, end in parts_of(len(known)):
+        first = max(begin - p, 0)
+        columns = columns_of(first, end)
+        out = np.zeros((end - begin, columns.shape[1]))
+        out[p - begin + first :] = _new_to(a, columns)
+        for row in np.flatnonzero(~by_sum[begin:end]):
+            t = row + begin - first
+            if t and by_sum[row + begin - 1]:
+                carry.after(columns[t - p : t])
+            carry.step(columns[t] if known[row + begin] else None, out[row])
+        yield out[known[begin:end]]
+
+
+class _Carried:
+    """The filter of an autoregression where samples are missing: what it foretells of the next row, and how surely."""
+
+    def __init__(self, a: Array, signals: int) -> None:
+        p = len(a) - 1
+        self._into = np.vstack([-a[1:], np.eye(p)[:-1]]) if p else np.zeros((0, 0))
+        self._new = np.diag([1.0] + [0.0] * (p - 1)) if p else np.zeros((0, 0))
+        self._cov = linalg.solve_discrete_lyapunov(self._into, self._new) if p else self._new
+        self._state = np.zeros((p, signals))
+
+    def after(self, rows: Array) -> None:
+        """These rows (the newest last) are known, and tell all."""
+        self._state, self._cov = self._into @ rows[::-1], self._new
+
+    def step(self, row: Array | None, out: Array) -> None:
+        """One row on; what is new in a known one goes into `out`."""
+        state, cov = self._state, self._cov
+        if row is not None:
+            gain, fresh = cov[:, 0] / cov[0, 0], row - state[0]
+            out[:] = fresh / np.sqrt(cov[0, 0])
+            state, cov = state + np.outer(gain, fresh), cov - np.outer(gain, cov[0])
+        self._state, self._cov = self._into @ state, self._into @ cov @ self._into.T + self._new
+
+
+def parts_of(n: int) -> Iterator[tuple[int, int]]:
+    """Begin and end of the parts of n rows that are looked at together."""
+    return ((begin, min(begin + PART, n)) for begin in range(0, n, PART))
+
+
+def all_known(w: Array, lags: int) -> NDArray[np.bool_]:
+    """Whether a sample and so many before it are there and no NaN."""
+    at = np.arange(len(w))
+    last_missing = np.maximum.accumulate(np.where(np.isfinite(w), -1, at))
+    return np.asarray(at - last_missing > lags) & (at >= lags)
+
+
+def _new_to(a: Array, columns: Array) -> Array:
+    """a_0 x(t) + a_1 x(t-1) + ..., from the first row on that has so many before it."""
+    p = len(a) - 1
+    rows = max(len(columns) - p, 0)
+    out = np.zeros((rows, columns.shape[1]))
+    for k, one in enumerate(a.tolist()):
+        out += one * columns[p - k : p - k + rows]
     return out

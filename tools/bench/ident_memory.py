@@ -53,6 +53,8 @@ CALLS: Mapping[str, str] = MappingProxyType({
     "resample": "resample(d, 0.5)",
     "predict": "predict(arx(d, 2, 2), d, 10)",
     "simulate": "simulate(arx(d, 2, 2), d)",
+    "residuals": "residuals(arx(d, 2, 2), d)",
+    "residuals, coloured": "residuals(arx(d, 1, 1), d)",
 })  # fmt: skip
 CODE = """
 import resource, sys, time, warnings
