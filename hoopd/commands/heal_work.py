@@ -24,7 +24,8 @@ from hoopd.heal.change import judged
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
 from hoopd.heal.plan import HealWork
-from hoopd.plants.model_file import load_model
+from hoopd.plants.hoop.loop.writeback import unused
+from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
 
 LAW = "lqg"
@@ -95,6 +96,8 @@ class HealWorker:
             reason = f"{found.reason}; the law that acts is {kind}: design one of its kind on {model.name}"
             return result | {"learn": False, "reason": reason}
         self._without_corrections(place, before, found.effects)
+        if why := _of_no_use(place / "model.yaml", found.effects):
+            return result | {"learn": False, "reason": f"{found.reason}; {why}"}
         self._design(place)
         return result
 
@@ -161,6 +164,12 @@ class HealWorker:
             return
         span = ("--from", f"{work.from_s:.3f}", "--to", f"{work.to_s:.3f}")
         run_step(["convert", self.recording(), path, *span], path.with_suffix(".log"), prefix=self.short)
+
+
+def _of_no_use(model: Path, found: Collection[str]) -> str:
+    """Why neither filter nor feed-forward can do anything with all that was found; empty where one of it is of use."""
+    reasons = {one.name: one.reason for one in unused(effects_of(load_model(model)))}
+    return "; ".join(f"{name}: {reasons[name]}" for name in found) if found and {*found} <= {*reasons} else ""
 
 
 def _day(begun: float) -> str:

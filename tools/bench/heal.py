@@ -1,6 +1,6 @@
 """Changes in running loops that nobody is told of: are they found, learned, and is the loop as good again as it can be?
 
-    python tools/bench/heal.py [--changes 10] [--seed 1] [--wall] [--only KIND ...] [--json FILE]
+    python tools/bench/heal.py [--changes 10] [--seed 1] [--wall] [--grammar] [--only KIND ...] [--json FILE]
 
 Every change is a run of the whole daemon in lock-step, whose references an operator moves every three seconds. After a
 minute something happens in the rig (or nothing does); `hoopd heal` is beside it with a policy that lets everything
@@ -23,6 +23,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ from harness.healed_rig import HealedRun, controllers_of, heal_run  # noqa: E402
 from harness.kept_rows import KeptRows  # noqa: E402
 from harness.rigrun import RigRun, run_rig  # noqa: E402
 
+from hoopd.commands.heal_work import HealWorker  # noqa: E402
 from hoopd.commands.step_commands import run_step  # noqa: E402
 from hoopd.design.yardstick import TickSample, held_speed  # noqa: E402
 from hoopd.files.controller import load_controller  # noqa: E402
@@ -166,7 +168,7 @@ def cost_of_healed(run: HealedRun, duration_s: float) -> float:
     return cost_of(recording.t[:rows], dtheta, ball, recording.u[:rows], recording.extra["reference"][:rows])
 
 
-def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> dict[str, Any]:
+def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool, grammar: bool) -> dict[str, Any]:
     """One change."""
     kind, rng = KINDS[name], np.random.default_rng([seed, number])
     sizes = {key: float(rng.uniform(low, high)) for key, low, high in kind.sizes}
@@ -177,7 +179,7 @@ def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool) -> d
     with contextlib.redirect_stderr(io.StringIO()):
         healed = heal_run(
             folder / "healed", *sets, duration_s=kind.duration_s, plan=HealPlan(pause_s=60.0), policy=POLICY,
-            seed=number, wall=wall,
+            seed=number, wall=wall, worker=partial(HealWorker, grammar=grammar),
         )  # fmt: skip
         law = controllers_of(folder / "before") / "lqg.yaml"
         before = run_rig(
@@ -246,18 +248,21 @@ def main() -> int:
     parser.add_argument("--changes", type=int, default=len(KINDS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--wall", action="store_true", help="charge time on the wall, not the processor's")
+    parser.add_argument("--grammar", action="store_true", help="as of `hoopd heal`")
     parser.add_argument("--only", nargs="*", choices=sorted(KINDS), metavar="KIND")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     names = [name for name in KINDS if not asked.only or name in asked.only]
-    question = {"seed": asked.seed, "kinds": names, "charged": "wall" if asked.wall else "processor"}
+    charged = "wall" if asked.wall else "processor"
+    question = {"seed": asked.seed, "kinds": names, "charged": charged, "grammar": asked.grammar}
     try:
         kept = KeptRows(asked.json, question)
     except InputError as error:
         parser.error(str(error))
     for number in track(range(len(kept.rows), asked.changes), "changes", console=Console(stderr=True)):
         with tempfile.TemporaryDirectory(prefix="hoopd-heal-") as place:
-            kept.add(changed(names[number % len(names)], number, asked.seed, Path(place), wall=asked.wall))
+            how = {"wall": asked.wall, "grammar": asked.grammar}
+            kept.add(changed(names[number % len(names)], number, asked.seed, Path(place), **how))
     show(kept.rows)
     return int(any(wrong(row) for row in kept.rows))
 

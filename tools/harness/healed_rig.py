@@ -9,6 +9,7 @@ from __future__ import annotations
 import resource
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,7 +167,7 @@ def prepared(
     plan: HealPlan,
     policy: HealPolicy | None,
     seed: int = 0,
-    worker: type[HealWorker] = HealWorker,
+    worker: Callable[..., HealWorker] = HealWorker,
 ) -> PreparedHealing:
     """Everything but the run."""
     folder.mkdir(parents=True, exist_ok=True)

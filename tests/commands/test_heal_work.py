@@ -1,0 +1,51 @@
+"""What a diagnosis beside a running loop is good for: a law that the daemon has no use for is left with its reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from harness.told_diagnosis import said
+
+from hoopd.commands.heal_work import HealWorker
+from hoopd.files.heal_versions import VersionFolder
+from hoopd.files.model import EffectEntry, Parameter, model_text
+from hoopd.files.shipped import defaults_folder
+from hoopd.heal.plan import HealWork
+from hoopd.plants.model_file import load_model
+
+FRICTION = EffectEntry(name="hoop.coulomb_friction", parameters={"Fc": Parameter(value=0.01, unit="N m")})
+CABLE = EffectEntry(
+    name="hoop.dahl_of_theta",
+    parameters={"A": Parameter(value=0.03, unit="N m"), "xs": Parameter(value=20.0, unit="rad")},
+)
+
+
+def diagnosed(folder: Path, *found: EffectEntry) -> dict[str, Any]:
+    """What becomes of a diagnosis that has ended with these laws; the seconds of it are not looked at again."""
+    versions = VersionFolder(folder)
+    versions.begin("hoop")
+    shipped = defaults_folder()
+    law, model = shipped / "controllers" / "lqg.yaml", shipped / "models" / "hoop.yaml"
+    versions.first("lqg.yaml@" + "0" * 64, law.read_text(), model.read_text(), 0.0, "ann")
+    place = versions.of(versions.add(60.0, to_s=40.0).number)
+    (place / "evidence.mcap").touch()
+    (friction,) = said(0.9).effects
+    told = [msgspec.structs.replace(friction, name=one.name) for one in found]
+    (place / "diagnosis.json").write_bytes(msgspec.json.encode(said(0.9, effects=told)))
+    (place / "found.yaml").write_text(model_text(msgspec.structs.replace(load_model(model), effects=list(found))))
+    worker = HealWorker(folder=versions, recording=Path, lay_in=lambda *_: "", by="ball")
+    return worker.work(HealWork("diagnose", 1, 0.0, 40.0))
+
+
+def test_a_law_that_filter_and_feed_forward_have_no_use_for_is_left_with_its_reason(tmp_path: Path) -> None:
+    left = diagnosed(tmp_path / "cable", CABLE)
+    assert left["learn"] is False and left["kind"] == "physics"
+    assert left["reason"].endswith("hoop.dahl_of_theta: the filter has no state for it")
+    assert not (tmp_path / "cable" / "0001" / "controller.yaml").exists()
+
+
+def test_where_one_law_is_of_use_a_controller_is_designed(tmp_path: Path) -> None:
+    both = diagnosed(tmp_path / "both", CABLE, FRICTION)
+    assert both["learn"] is True and (tmp_path / "both" / "0001" / "controller.yaml").exists()
