@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from hoopd.plants.likelihood.kalman_filter import (
     whitened,
 )
 from hoopd.plants.likelihood.noise_levels import Criterion
-from hoopd.plants.likelihood.noise_tuning import roughness, tuned
+from hoopd.plants.likelihood.noise_tuning import quiet_readings, roughness, tuned
 from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.likelihood.whitening_blocks import BLOCK, FEW
 
@@ -294,3 +295,30 @@ def test_a_column_that_is_put_in_by_a_matrix_is_whitened_like_its_changes() -> N
     f = inputs[:, : N - 1].T[:, None, :] * direction[:, None]
     expected = whitened(m, gains(m, LEVELS), f, np.zeros((N, NC, 2)))
     np.testing.assert_allclose(rows, expected.reshape(-1, 2).T, rtol=1e-9, atol=1e-9)
+
+
+def two_level(seed: int, seconds: float = 20.0) -> Stretch:
+    """The hoop under a torque of two levels, a new one at every sample."""
+    u = 0.1 * np.random.default_rng([seed, 7]).choice([-1.0, 1.0], round(seconds / 0.02))
+    return stretch_with(shipped_plant(), f"fast {seed}", seed, seconds, u=u)
+
+
+def test_what_a_fast_input_does_is_no_noise_of_the_readings() -> None:
+    """Its steps make readings rougher than their noise; the level that is found is the noise alone."""
+    fast = two_level(1)
+    rough = np.array([roughness([fast.y[:, column]]) for column in range(3)])
+    assert rough[0] > 3.0 * NOISE.reading[0] and rough[1] > 3.0 * NOISE.reading[1]
+    assert quiet_readings([fast]) == pytest.approx(NOISE.reading, rel=0.3)
+    found = fit([fast], [], shipped_plant().values)
+    assert found.noise["fast 1"].reading == pytest.approx(NOISE.reading, rel=0.1)
+
+
+def test_where_no_input_is_or_readings_have_gaps_the_least_is_their_roughness() -> None:
+    smooth = two_level(2, 4.0)
+    still = replace(smooth, u=0.0 * smooth.u)
+    gaps = replace(
+        smooth, y=np.where(np.arange(len(smooth.t))[:, None] % 3 == 0, np.nan, smooth.y), every=smooth.every[:0]
+    )
+    for one in (still, gaps):
+        rough = [roughness([one.every[:, column]]) for column in range(3)]
+        assert quiet_readings([one]) == pytest.approx(rough, rel=0.05)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.kalman_filter import Gains, Noise, gains, smoothed
 from hoopd.plants.likelihood.noise_levels import Criterion
-from hoopd.plants.likelihood.noise_tuning import first_noise, tuned
+from hoopd.plants.likelihood.noise_tuning import first_noise, quiet_readings, tuned
 from hoopd.plants.likelihood.priors import inverse, leaving, prior, ranges
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.reference_track import Columns, Track
@@ -286,11 +286,12 @@ def tuned_noise(found: HypothesisFit, *, near: bool = False) -> None:
         parts = [
             one for one, track in zip(found.columns, found.tracks, strict=True) if track.stretch.recording == recording
         ]
-        slower = min(motion_scale(t.stretch.plant) for t in found.tracks if t.stretch.recording == recording)
+        stretches = [track.stretch for track in found.tracks if track.stretch.recording == recording]
+        slower = min(motion_scale(one.plant) for one in stretches)
         criteria = [Criterion(one.model, one.f[:, :, 0], one.eps[:, :, 0]) for one in parts]
         found.noise[recording], found.curvatures[recording] = tuned(
             criteria, found.noise[recording], first[recording],
             near=near, slower=slower, curvature=found.curvatures.get(recording),
-            most=found.most_force.get(recording),
+            most=found.most_force.get(recording), quiet=quiet_readings(stretches),
         )  # fmt: skip
     _whiten(found)

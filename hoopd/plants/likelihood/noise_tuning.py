@@ -16,6 +16,7 @@ from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_levels import Criterion
 from hoopd.plants.likelihood.quasi_newton import Minimum, SearchEnds, lowest, positive
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.scales import motion_scale, rate_scale
 
 Array = NDArray[np.float64]
@@ -34,6 +35,10 @@ FIRST_TIME_S = 0.15
 FIRST_ACCELERATION = 1.0
 # The same of a first-order state: this share of its usual rate.
 FIRST_SHARE = 0.01
+# Differences that leave noise of a smooth reading; inputs of so many nodes before them count as well, for what is late.
+DIFFERENCED, BEFORE = 4, 4
+# Rows for each column of inputs, and the least singular value of those, a share of the largest.
+FEWEST_ROWS, SAME_COLUMN = 10, 1e-6
 # Of what a reading does over a recording, steps that are none and noise that is none.
 NOTHING = 1e-9
 
@@ -54,17 +59,19 @@ def tuned(
     slower: float = 1.0,
     curvature: Array | None = None,
     most: Array | None = None,
+    quiet: Array | None = None,
 ) -> Tuning:
     """Levels of highest likelihood for all criteria together, from `start`, within the bounds about a first guess.
 
     `near`: the start is close to them already; otherwise a part of the data brings it there. `slower`: times of the
     plant's motion over usual ones. `curvature`: what an earlier search of the same data has come to; told in logarithms
     it hardly depends on the levels, so that one that is near needs no new one. `most`: disturbances (nq,) that are not
-    to be exceeded.
+    to be exceeded; `quiet`: readings (channels,) about which the least bound lies where it is not the first guess.
     """
     nq = len(start.force)
     largest = first.force * FORCE_FACTOR if most is None else most
-    low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0] * slower] * nq, *first.reading * READING_FACTOR[0]])
+    least = READING_FACTOR[0] * (first.reading if quiet is None else quiet)
+    low = np.log([*first.force / FORCE_FACTOR, *[TIMES_S[0] * slower] * nq, *least])
     high = np.log([*largest, *[TIMES_S[1] * slower] * nq, *first.reading * READING_FACTOR[1]])
     begin = np.clip(np.log(np.concatenate(start)), low, high)
     if curvature is None or not near:
@@ -133,6 +140,43 @@ def first_noise(tracks: Sequence[Track], values: Mapping[str, float]) -> dict[st
     return found
 
 
+def quiet_readings(stretches: Sequence[Stretch]) -> Array:
+    """Noise of the channels (channels,) of one recording, without a model: roughness that steps of the inputs leave.
+
+    A fast two-level input makes readings rougher than their noise: what the inputs about them explain of the fourth
+    differences is taken out. Where that is little, or the readings have gaps, it is their roughness.
+    """
+    return np.array([_quiet(stretches, column) for column in range(stretches[0].y.shape[1])])
+
+
+def _quiet(stretches: Sequence[Stretch], column: int) -> float:
+    rough = roughness([s.every[:, column] for s in stretches], [s.scatter[:, column] for s in stretches])
+    rows = [_fourth_differences(one, column) for one in stretches if len(one.t) > DIFFERENCED + BEFORE]
+    fourth, inputs = (
+        (np.concatenate(each) for each in zip(*rows, strict=True)) if rows else (np.zeros(0), np.zeros((0, 1)))
+    )
+    if len(fourth) < FEWEST_ROWS * inputs.shape[1]:
+        return rough
+    left = fourth - inputs @ np.linalg.lstsq(inputs, fourth, rcond=SAME_COLUMN)[0]
+    spread = _spread(left) * float(np.sqrt(len(left) / (len(left) - inputs.shape[1])))
+    return rough * min(1.0, spread / max(_spread(fourth), NOTHING * rough))
+
+
+def _fourth_differences(one: Stretch, column: int) -> tuple[Array, Array]:
+    """Fourth differences of neighbouring readings (n,), and every input from some nodes before them on (n, inputs)."""
+    fourth = np.diff(one.every[:, column], DIFFERENCED)[BEFORE:] / one.scatter[BEFORE + 2 : -2, column]
+    held = np.column_stack([one.u, one.others])
+    count = len(fourth)
+    window = np.hstack([held[first : first + count] for first in range(BEFORE + DIFFERENCED)])
+    there = np.isfinite(fourth)
+    return fourth[there], window[there]
+
+
+def _spread(values: Array) -> float:
+    """Standard deviation by the median of sizes."""
+    return float(1.4826 * np.median(np.abs(values)))
+
+
 def roughness(parts: Sequence[Array], scatter: Sequence[Array] | None = None) -> float:
     """Standard deviation of a reading's noise without a model: fourth differences, whose variance is 70 sigma^2.
 
@@ -143,11 +187,12 @@ def roughness(parts: Sequence[Array], scatter: Sequence[Array] | None = None) ->
     seen = [part[np.isfinite(part)] for part in parts]
     over = [np.ones(len(part)) for part in parts] if scatter is None else scatter
     wide = [one[np.isfinite(part)] for part, one in zip(parts, over, strict=True)]
-    each = [np.diff(part, 4) / one[2:-2] for part, one in zip(seen, wide, strict=True) if len(part) > 4]
+    pairs = zip(seen, wide, strict=True)
+    each = [np.diff(part, DIFFERENCED) / one[2:-2] for part, one in pairs if len(part) > DIFFERENCED]
     fourth = np.concatenate(each or [np.zeros(1)])
     steps = np.concatenate([np.abs(np.diff(part)) for part in seen if len(part) > 1] or [np.zeros(1)])
     nothing = NOTHING * max((float(np.ptp(part)) for part in seen if len(part)), default=0.0) or NOTHING
     count = float(np.min(steps[steps > nothing], initial=np.inf))
-    spread = float(1.4826 * np.median(np.abs(fourth)) / np.sqrt(70.0))
+    spread: float = _spread(fourth) / 70.0**0.5
     least = count / np.sqrt(12.0) if np.isfinite(count) and np.mean(steps < nothing) > 0.02 else nothing
     return max(spread, least, nothing)
