@@ -7,12 +7,15 @@ A law is proven where a simulation of held-out data is better with it. A slip, o
 never be: the likelihood sees it and the error of a simulation hardly moves ("untested"). It is proven as well where
 recordings that were made after it was named have raised its evidence by what it takes to name a law.
 
+A drive's lag and its delay are told apart by how a torque begins, which few recordings show, and filter and law take
+either for so much delay: where they are less than a nat apart they count together.
+
 Rules of this file: diagnosis in, words and numbers out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding
@@ -26,6 +29,9 @@ LEAST_SHOWN = 0.01
 MOST_SHOWN = 6
 REFUTED = ("weak", "not_confirmed")
 UNPROVEN = (*REFUTED, "untested")
+# Laws of one slot that make the same controller, and the nats from which on the data tell them apart all the same.
+SAME_TO_A_LAW = frozenset({"lag", "delay"})
+TOLD_APART_NATS = 1.0
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class Belief:
     `laws`: findings, the strongest first; `probability`: of the least sure of them among the laws that are known, or of
     nothing being missing; `unknown`: of a law that nobody knows; `open`: why it is not settled, in sentences; `shares`:
     probabilities by name as the diagnosis tells them, the largest first; `unproven`: laws that no fresh
-    data confirm.
+    data confirm; `alike`: laws that count with those that were found, and make the same controller.
     """
 
     laws: tuple[str, ...]
@@ -44,6 +50,7 @@ class Belief:
     open: tuple[str, ...]
     shares: tuple[tuple[str, float], ...]
     unproven: tuple[str, ...] = ()
+    alike: tuple[str, ...] = ()
 
     @property
     def lacks_proof_alone(self) -> bool:
@@ -58,7 +65,10 @@ class Belief:
     @property
     def explanation(self) -> str:
         """In words."""
-        return " and ".join(self.laws) if self.laws else "nothing that these signals show is missing"
+        if not self.laws:
+            return "nothing that these signals show is missing"
+        alike = f" (or {', '.join(self.alike)}: the same delay to filter and law)" if self.alike else ""
+        return " and ".join(self.laws) + alike
 
 
 def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int, before: Sequence[Diagnosis] = ()) -> Belief:
@@ -74,10 +84,14 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int, before: Seque
         missing += tuple(f"{name} may be there ({nats:.1f} nats)" for name, nats in _nearly_seen(diagnosis))
         return Belief((), sure, unknown, missing, _shown(shares))
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
-    sure = min(_among_known(_probability(one, diagnosis), _share_of_none(one, unknown)) for one in diagnosis.effects)
+    sure = min(
+        _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown)) for one in diagnosis.effects
+    )
     found = tuple(one.name for one in diagnosis.effects)
     unproven = tuple(one.name for one in diagnosis.effects if _lacks_proof(one, diagnosis, before))
-    return Belief(found, sure, unknown, _open(diagnosis, unknown, confidence, unproven), _shown(shares), unproven)
+    alike = tuple(name for one in diagnosis.effects for name in _alike(one))
+    sentences = _open(diagnosis, shares, unknown, confidence, unproven)
+    return Belief(found, sure, unknown, sentences, _shown(shares), unproven, alike)
 
 
 def _lacks_proof(finding: EffectFinding, diagnosis: Diagnosis, before: Sequence[Diagnosis]) -> bool:
@@ -107,11 +121,19 @@ def _names(diagnosis: Diagnosis) -> set[str]:
     return {one.name for one in diagnosis.effects}
 
 
-def _probability(finding: EffectFinding, diagnosis: Diagnosis) -> float:
-    """Of a finding; one without a law has that of what is unexplained."""
+def _probability(finding: EffectFinding, diagnosis: Diagnosis, shares: Mapping[str, float]) -> float:
+    """Of a finding with those that count with it; one without a law has that of what is unexplained."""
     rest = diagnosis.unexplained
     told = rest.probability if finding.probability is None and finding.is_unknown and rest is not None else None
-    return finding.probability or told or 0.0
+    return min(1.0, (finding.probability or told or 0.0) + sum(shares.get(name, 0.0) for name in _alike(finding)))
+
+
+def _alike(finding: EffectFinding) -> tuple[str, ...]:
+    """Laws that these data do not tell from one that was found, and that make the same controller."""
+    slot, _, kind = finding.name.partition(".")
+    same = {f"{slot}.{other}" for other in SAME_TO_A_LAW - {kind}} if kind in SAME_TO_A_LAW else set()
+    behind = {one.name: one.behind_nats for one in finding.alternatives if one.name in same}
+    return tuple(name for name, nats in behind.items() if nats is not None and nats < TOLD_APART_NATS)
 
 
 def _nearly_seen(diagnosis: Diagnosis) -> list[tuple[str, float]]:
@@ -133,13 +155,15 @@ def _unsure(what: str, sure: float, confidence: float) -> tuple[str, ...]:
     return () if sure >= confidence else (f"{what} is {sure:.0%} sure, {confidence:.0%} are asked for",)
 
 
-def _open(diagnosis: Diagnosis, unknown: float, confidence: float, unproven: Sequence[str]) -> tuple[str, ...]:
+def _open(
+    diagnosis: Diagnosis, shares: Mapping[str, float], unknown: float, confidence: float, unproven: Sequence[str]
+) -> tuple[str, ...]:
     sentences: list[str] = []
     for one in diagnosis.effects:
         if one.is_unknown:
             sentences.append(f"{one.name} has no law yet")
             continue
-        sentences += _unsure(one.name, _among_known(one.probability or 0.0, unknown), confidence)
+        sentences += _unsure(one.name, _among_known(_probability(one, diagnosis, shares), unknown), confidence)
         if one.name in unproven:
             sentences.append(f"{one.name} is {str(one.status).replace('_', ' ')}")
     if diagnosis.unexplained is not None and diagnosis.unexplained.fires:

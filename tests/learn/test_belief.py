@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from harness.told_diagnosis import proposal, said
 
-from hoopd.diagnose.record import Candidate, Diagnosis, Remains, Unexplained
+from hoopd.diagnose.record import Alternative, Candidate, Diagnosis, Remains, Unexplained
 from hoopd.learn.belief import belief_of
 from hoopd.learn.choice import MENU, first, next_choice
 
@@ -54,6 +54,27 @@ def test_a_curve_without_a_law_is_never_settled() -> None:
     unknown = msgspec.structs.replace(diagnosis.effects[0], name="unknown.hoop")
     diagnosis = msgspec.structs.replace(diagnosis, effects=[unknown], verdict="unknown_physics")
     assert belief_of(diagnosis, 0.95, kinds=3).open == ("unknown.hoop has no law yet",)
+
+
+def late(behind_nats: float, other: str = "actuator.lag") -> Diagnosis:
+    """A late torque that is 60 % sure, and another law that is 33 % likely."""
+    told = said(0.6)
+    delay = msgspec.structs.replace(
+        told.effects[0], name="actuator.delay", slot="actuator",
+        alternatives=[Alternative(name=other, behind_nats=behind_nats)],
+    )  # fmt: skip
+    shares = {"actuator.delay": 0.6, other: 0.33, "none of these": 0.07}
+    candidates = [Candidate(name=name, log_likelihood_gain=None, probability=one) for name, one in shares.items()]
+    return msgspec.structs.replace(told, effects=[delay], candidates=candidates)
+
+
+def test_a_lag_and_a_delay_count_together_where_nobody_tells_them_apart() -> None:
+    belief = belief_of(late(0.4), 0.95, kinds=2)
+    assert belief.probability == pytest.approx(1.0) and belief.settled and belief.alike == ("actuator.lag",)
+    assert belief.explanation == "actuator.delay (or actuator.lag: the same delay to filter and law)"
+    # where they are told apart, and of laws that make another controller, the name has to be sure
+    for told in (late(1.4), late(0.4, "encoder.latency")):
+        assert belief_of(told, 0.95, kinds=2).open == ("actuator.delay is 65% sure, 95% are asked for",)
 
 
 def worth(nats: float, status: str = "untested") -> Diagnosis:
