@@ -16,6 +16,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import once_at_rest
 from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.stretches import Stretch, fewest_readings, is_long_enough, stretch_of
+from hoopd.recording.board_limits import torque_slew
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
 
@@ -55,14 +56,14 @@ def source_of(name: str, recording: Recording, plant: Plant) -> Source:
         parts = timelines(clean)
     except ValueError as error:
         raise InputError(name, plant.inputs[0].name if plant.inputs else "t", str(error)) from None
-    begin = float(recording.t[0])
-    stretches = tuple(one for part in parts if _enough(one := _stretch(name, part, begin, quality)))
+    begin, slew = float(recording.t[0]), torque_slew(recording)
+    stretches = tuple(one for part in parts if _enough(one := _stretch(name, part, begin, quality, slew)))
     if sum(one.samples for one in stretches) < (fewest := fewest_readings(plant)):
         raise InputError(name, ", ".join(quality.plant.channels), f"fewer than {fewest} readings to judge a model by")
     return Source(name, recording, quality, stretches)
 
 
-def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stretch:
+def _stretch(name: str, part: Timeline, begin: float, quality: Quality, slew: float) -> Stretch:
     readings, plant = {}, quality.plant
     for channel in plant.channels:
         if quality.wrong_rate(channel):
@@ -76,6 +77,7 @@ def _stretch(name: str, part: Timeline, begin: float, quality: Quality) -> Stret
         readings[channel] = (nodes, values)
     held = part.u if plant.inputs else np.zeros(len(part.t) - 1)
     found = stretch_of(name, plant, part.t - begin, held, readings, part.unresolved if plant.inputs else None)
+    found = replace(found, slew=slew)
     for channel, one in quality.channels.items():
         if channel in plant.channels and np.isfinite(one.quantum):
             found = found.unevenly_sampled(channel, one.jitter_s, one.quantum / np.sqrt(12.0))

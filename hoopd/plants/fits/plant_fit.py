@@ -25,6 +25,7 @@ from hoopd.plants.likelihood.fitting import fit as fit_likelihood
 from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.stretch_scatter import half_widths
 from hoopd.plants.likelihood.stretches import stretch_of
+from hoopd.recording.board_limits import torque_slew
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -237,7 +238,10 @@ def _by_likelihood(
 ) -> PlantFit:
     """The diagnosis's engine: parameters, trajectory and the sizes of noise and disturbances together."""
     stretches = [
-        spaced(stretch_of(f"{index}", system.plant, part.t, _inputs(part.u), part.channels))
+        replace(
+            spaced(stretch_of(f"{index}", system.plant, part.t, _inputs(part.u), part.channels)),
+            slew=torque_slew(recording),
+        )
         for index, recording in enumerate(recordings)
         for part in stretches_of(system.plant, recording)
     ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ SHORTEST_S = 0.5
 FEWEST_READINGS, LEAST_READINGS = 50, 15
 # Usual samples between two nodes, of a plant that is sampled often.
 MOST_SAMPLES = 20.0
+# Period of the loop that moves a drive's torque (docs/reference/board.md).
+LOOP_S = 1e-4
 # Samples of the local parabola that gives a first idea of positions and rates.
 PARABOLA = 7
 
@@ -46,6 +49,7 @@ class Stretch:
     every: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (n-1, inputs, 2) what the rows leave open of each input (`recording.input_curve`); not given: nothing
     unresolved: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    slew: float = inf  # how fast the drive lets the first input change, in its unit per s
 
     def __post_init__(self) -> None:
         if len(self.others) != len(self.u):
@@ -154,14 +158,15 @@ class Held:
     What says torque is the first input's, which alone may be late; `others` (n-1, inputs - 1) act at once.
     """
 
-    def __init__(self, t: Array, u: Array, others: Array | None = None) -> None:
+    def __init__(self, t: Array, u: Array, others: Array | None = None, slew: float = inf) -> None:
         self.t, self.u = t, u
         self.others = np.zeros((len(u), 0)) if others is None else others
+        self._begins = _begins(t, u, slew)
 
     @classmethod
     def of(cls, stretch: Stretch) -> Held:
         """Of all inputs of a stretch."""
-        return cls(stretch.t, stretch.u, stretch.others)
+        return cls(stretch.t, stretch.u, stretch.others, stretch.slew)
 
     def inputs(self, count: int, delay: float = 0.0) -> Array:
         """(count, n-1, inputs) what `substeps` says of every input."""
@@ -175,14 +180,14 @@ class Held:
 
     def at(self, when: Array) -> Array:
         """Just after these instants."""
-        return self.u[np.clip(np.searchsorted(self.t, when + 1e-12, side="right") - 1, 0, len(self.u) - 1)]
+        return self.u[np.clip(np.searchsorted(self._begins, when + 1e-12, side="right") - 1, 0, len(self.u) - 1)]
 
     def substeps(self, count: int, delay: float = 0.0) -> Array:
         """(count, n-1) mean torque in each part of each step, `delay` seconds late."""
-        if delay == 0.0:
+        if delay == 0.0 and self._begins is self.t:
             return np.tile(self.u, (count, 1))  # a part lies within its hold
         edges = self.t[:-1, None] + np.diff(self.t)[:, None] * np.arange(count + 1) / count
-        return mean_torque(edges, self.t, self.u, delay).T
+        return mean_torque(edges, self._begins, self.u, delay).T
 
     def substeps_by_delay(self, count: int, delay: float) -> Array:
         """Derivative of `substeps` by the delay."""
@@ -203,8 +208,22 @@ class Held:
             return np.broadcast_to(np.append(self.u, self.u[-1:]), (BACK_STEPS, len(self.t)))
         steps = BACK_STEPS if late > 0.0 else 1
         edges = self.t[:, None] - np.arange(steps, -1, -1) * late / steps
-        found = mean_torque(edges, self.t, self.u, delay).T[::-1]
+        found = mean_torque(edges, self._begins, self.u, delay).T[::-1]
         return np.broadcast_to(found, (BACK_STEPS, len(self.t)))
+
+
+def _begins(t: Array, u: Array, slew: float) -> Array:
+    """When a held input begins to act (n,): a drive that takes steps or a ramp to it is as late as half the ramp.
+
+    The board's torque loop takes the first step at once and the last one a period before a ramp would end.
+    """
+    ramp_s = np.abs(np.diff(u)) / slew
+    late = np.minimum(np.maximum(ramp_s - LOOP_S, 0.0), np.diff(t)[1:]) / 2.0
+    if not late.any():
+        return t
+    begins = t.copy()
+    begins[1:-1] += late
+    return begins
 
 
 # ---------------------------------------------------------------------------------------------- first idea
