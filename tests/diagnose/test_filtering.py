@@ -313,6 +313,19 @@ def test_what_a_fast_input_does_is_no_noise_of_the_readings() -> None:
     assert found.noise["fast 1"].reading == pytest.approx(NOISE.reading, rel=0.1)
 
 
+def test_readings_with_those_of_another_sensor_between_are_as_quiet() -> None:
+    """Encoder and camera take turns, and the encoder is silent for a while: its evenly following readings count."""
+    u = 0.1 * np.repeat(np.random.default_rng(7).choice([-1.0, 1.0], 1000), 2)
+    fast = stretch_with(shipped_plant(), "turns", 3, 0.0, u=u)
+    y = fast.y.copy()
+    y[1::2, :2] = y[::2, 2] = np.nan
+    y[400:500, :2] = np.nan
+    turns = replace(fast, y=y, every=y)
+    rough = np.array([roughness([y[:, column]]) for column in range(2)])
+    assert (rough > 5.0 * NOISE.reading[:2]).all()
+    assert quiet_readings([turns])[:2] == pytest.approx(NOISE.reading[:2], rel=0.3)
+
+
 def test_where_no_input_is_or_readings_have_gaps_the_least_is_their_roughness() -> None:
     smooth = two_level(2, 4.0)
     still = replace(smooth, u=0.0 * smooth.u)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
+from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
@@ -16,6 +17,7 @@ from hoopd.plants.likelihood import fitting
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit, tuned_noise
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Columns, Track
+from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.model_file import load_model
 
 PLANT = shipped_plant()
@@ -85,6 +87,34 @@ def test_a_second_tuning_stays_where_the_first_ended(base: HypothesisFit) -> Non
     tuned_noise(base, near=True)
     for name, noise in base.noise.items():
         assert np.allclose(np.log(np.concatenate(noise)), np.log(before[name]), atol=0.1)
+
+
+@pytest.fixture(scope="module")
+def calm() -> Stretch:
+    """A recording without any disturbance, under a fast torque of two levels."""
+    torque = 0.1 * np.random.default_rng([2, 7]).choice([-1.0, 1.0], 1000)
+    return stretch_with(PLANT, "calm", 2, 20.0, noise=NOISE._replace(force=1e-6 * np.ones(2)), u=torque)
+
+
+def begun_high(calm: Stretch) -> HypothesisFit:
+    """Its fit, begun with a disturbance that is far too large."""
+    off = {name: value * (1.1 if name in PLANT.free else 1.0) for name, value in PLANT.values.items()}
+    return fit([calm], (), off, noise={"calm": NOISE._replace(force=10.0 * NOISE.force, reading=3.0 * NOISE.reading)})
+
+
+def test_levels_of_a_disturbance_that_is_not_there_go_all_the_way_down(calm: Stretch) -> None:
+    found = begun_high(calm)
+    best = fit([calm], (), PLANT.values, like=found, noise={"calm": NOISE._replace(force=1e-5 * np.ones(2))})
+    assert found.criterion - best.criterion < 1.0
+
+
+def test_what_only_better_noise_levels_gain_names_nothing(calm: Stretch, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search for them stood still in the fit before, and not in the fit with an effect that is not there."""
+    monkeypatch.setattr(fitting, "MOST_ROUNDS", 1)
+    before, drag = begun_high(calm), LIBRARY["hoop.quadratic_drag"]
+    new = fit([calm], [drag], PLANT.values, noise={"calm": NOISE._replace(force=1e-5 * np.ones(2))})
+    assert before.criterion - new.criterion > 2.0 * (threshold := Settings().threshold)
+    assert Judge([calm], {}, Settings())._gain(before, new) < threshold
 
 
 def test_an_effect_is_refitted_within_its_interval_and_a_neutral_one_gains_nothing() -> None:

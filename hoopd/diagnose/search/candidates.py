@@ -87,8 +87,17 @@ class Judge:
         new = self._not_run_off(new, start, effect)
         new = in_wider_ranges(new, self.train, [effect.name])
         effect = new.effects[-1]
-        gain = before.criterion - new.criterion
+        gain = self._gain(before, new)
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
+
+    def _gain(self, before: HypothesisFit, new: HypothesisFit) -> float:
+        """Nats over what was there before. What would be named is no gain of the noise levels: their search may stand
+        still where nearly no disturbance acts, so that the fit before is begun anew with those that were found."""
+        gain = before.criterion - new.criterion
+        if gain < self.settings.threshold:
+            return gain
+        begun = fit(self.train, before.effects, {**before.values, **new.values}, like=before, noise=new.noise)
+        return min(gain, begun.criterion - new.criterion)
 
     def _not_run_off(self, new: HypothesisFit, start: Mapping[str, float], effect: Effect) -> HypothesisFit:
         """The fit; where a constant stands on an end of its range, or where it began because every step led away, the

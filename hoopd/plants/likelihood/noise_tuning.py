@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.effects.usual_sizes import store_rate
+from hoopd.plants.held_input import mean_torque
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.noise_levels import Criterion
 from hoopd.plants.likelihood.quasi_newton import Minimum, SearchEnds, lowest, positive
@@ -35,8 +36,11 @@ FIRST_TIME_S = 0.15
 FIRST_ACCELERATION = 1.0
 # The same of a first-order state: this share of its usual rate.
 FIRST_SHARE = 0.01
-# Differences that leave noise of a smooth reading; inputs of so many nodes before them count as well, for what is late.
+# Differences that leave noise of a smooth reading; what is late follows inputs of so many readings before them, too.
 DIFFERENCED, BEFORE = 4, 4
+WINDOW = DIFFERENCED + BEFORE
+# Readings are even where none is so much longer after the one before it than usual.
+EVEN = 1.5
 # Rows for each column of inputs, and the least singular value of those, a share of the largest.
 FEWEST_ROWS, SAME_COLUMN = 10, 1e-6
 # Of what a reading does over a recording, steps that are none and noise that is none.
@@ -144,17 +148,15 @@ def quiet_readings(stretches: Sequence[Stretch]) -> Array:
     """Noise of the channels (channels,) of one recording, without a model: roughness that steps of the inputs leave.
 
     A fast two-level input makes readings rougher than their noise: what the inputs about them explain of the fourth
-    differences is taken out. Where that is little, or the readings have gaps, it is their roughness.
+    differences is taken out. Where that is little, or few readings follow each other evenly, it is their roughness.
     """
     return np.array([_quiet(stretches, column) for column in range(stretches[0].y.shape[1])])
 
 
 def _quiet(stretches: Sequence[Stretch], column: int) -> float:
     rough = roughness([s.every[:, column] for s in stretches], [s.scatter[:, column] for s in stretches])
-    rows = [_fourth_differences(one, column) for one in stretches if len(one.t) > DIFFERENCED + BEFORE]
-    fourth, inputs = (
-        (np.concatenate(each) for each in zip(*rows, strict=True)) if rows else (np.zeros(0), np.zeros((0, 1)))
-    )
+    rows = [_fourth_differences(one, column) for one in stretches]
+    fourth, inputs = (np.concatenate(each) for each in zip(*rows, strict=True))
     if len(fourth) < FEWEST_ROWS * inputs.shape[1]:
         return rough
     left = fourth - inputs @ np.linalg.lstsq(inputs, fourth, rcond=SAME_COLUMN)[0]
@@ -163,13 +165,20 @@ def _quiet(stretches: Sequence[Stretch], column: int) -> float:
 
 
 def _fourth_differences(one: Stretch, column: int) -> tuple[Array, Array]:
-    """Fourth differences of neighbouring readings (n,), and every input from some nodes before them on (n, inputs)."""
-    fourth = np.diff(one.every[:, column], DIFFERENCED)[BEFORE:] / one.scatter[BEFORE + 2 : -2, column]
-    held = np.column_stack([one.u, one.others])
-    count = len(fourth)
-    window = np.hstack([held[first : first + count] for first in range(BEFORE + DIFFERENCED)])
-    there = np.isfinite(fourth)
-    return fourth[there], window[there]
+    """Fourth differences (n,) of readings that follow each other evenly, and every input from some readings before
+    them on (n, inputs): its means from reading to reading."""
+    seen = np.flatnonzero(np.isfinite(one.every[:, column]))
+    inputs = np.column_stack([one.u, one.others])
+    count = max(len(seen) - DIFFERENCED - BEFORE, 0)
+    if count == 0:
+        return np.zeros(0), np.zeros((0, WINDOW * inputs.shape[1]))
+    t = one.t[seen]
+    held = np.column_stack([mean_torque(t, one.t, each) for each in inputs.T])
+    even = np.diff(t) < EVEN * float(np.median(np.diff(t)))
+    fourth = np.diff(one.every[seen, column], DIFFERENCED)[BEFORE:] / one.scatter[seen, column][BEFORE + 2 : -2]
+    window = np.hstack([held[first : first + count] for first in range(WINDOW)])
+    kept = np.all([even[first : first + count] for first in range(WINDOW)], axis=0)
+    return fourth[kept], window[kept]
 
 
 def _spread(values: Array) -> float:
