@@ -309,7 +309,7 @@ def _draw_force(axes: Axes, force: MissingForce) -> None:
                       markersize=3, markerfacecolor="white", linewidth=0.8, label="means with 95 %")  # fmt: skip
     axes.plot(over.law.x, 1e3 * over.law.y, label=over.law.label)
     style.labelled(axes, f"{over.name} in {over.unit}", f"missing in slot {force.slot}, m{force.unit}")
-    style.legend(axes, loc="lower left")
+    style.legend(axes, loc="upper right")
 
 
 def show(found: dict[str, Any]) -> None:
