@@ -1,5 +1,7 @@
 """A sealed device of the proof's generator: it plays a signal of `hoopd experiment` and hands back a recording.
 
+A run ends where the daemon's law would end it: at its limits of speed and angle, the angle seen as late as pictures are.
+
 Rules of this file: the plant shares no code with what learns; the signal alone is made by the command's own plan. Sizes
 are nats of a fast two-level signal of 20 s, so that a campaign begins with what it hardly sees.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +19,10 @@ from concealed.batch import Column, columns_of
 from concealed.cases import answer, csv_bytes, traces
 from concealed.plant import SAMPLE_S, Array
 from concealed.recipes import TRAINING, Recipe, Wish, draw
-from concealed.simulate import WARM, Trace, simulate
+from concealed.simulate import PIECES, WARM, Trace, simulate
 from concealed.sizing import find_sizes
 
+from hoopd.core.records import PICTURE_AGE_S
 from hoopd.files.controller import parse_controller
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan, unit_table, write_score
@@ -28,6 +32,9 @@ from hoopd.recording import load, save
 OF_ONE_RUN = 20.0 / 60.0
 FIRST_NM = 0.1
 PLAYED = 2  # the recording of a case that has the length of a run
+LIMITS = Plan("prbs")
+PICTURE_AGE = ceil(PICTURE_AGE_S / SAMPLE_S)
+COAST = 25  # samples that the daemon records while hoop and ball come to rest after a run that a limit ended
 OPTIONS = {
     "--amplitude": ("amplitude_nm", float), "--duration": ("duration_s", float), "--clock": ("clock_ticks", int),
     "--low": ("low_hz", float), "--high": ("high_hz", float), "--hold": ("hold_s", float), "--kick": ("kick_s", float),
@@ -78,6 +85,10 @@ class SealedDevice:
         """Play the words of `hoopd experiment` from rest and write the recording; its length in s."""
         torque = torque_of(words, number)
         trace = self._played(torque, number)
+        if (end := stopped_at(trace.states[..., 0])) is not None:
+            torque[end:] = 0.0
+            torque = torque[: end + COAST]
+            trace = _first(self._played(np.pad(torque, (0, len(trace.torque) - len(torque))), number), len(torque))
         table = path.with_suffix(".csv")
         table.write_bytes(csv_bytes(trace))
         save(load(table), path)
@@ -94,6 +105,21 @@ class SealedDevice:
         recipe.gains[PLAYED] = 1.0
         columns = columns_of([Column(recipe, PLAYED, recipe.sizes)])
         return simulate(replace(columns, start=np.zeros_like(columns.start)))
+
+
+def stopped_at(states: Array) -> int | None:
+    """The sample from which on the daemon's law has no torque: the hoop's speed, or the ball's angle by a picture that is
+    as old as the daemon's, is beyond its limit in the true states (samples, 4); None where neither is."""
+    fast = np.abs(states[:, 1]) > LIMITS.speed_limit_rad_s
+    far = np.abs(states[: len(states) - PICTURE_AGE, 2]) > LIMITS.angle_limit_rad
+    beyond = np.flatnonzero(fast | np.pad(far, (PICTURE_AGE, 0)))
+    return int(beyond[0]) if len(beyond) else None
+
+
+def _first(trace: Trace, count: int) -> Trace:
+    """The first so many samples."""
+    history = trace.history[: PIECES * count + 1]
+    return replace(trace, history=history, torque=trace.torque[:count], rows=trace.rows[:count])
 
 
 def torque_of(words: Sequence[str], seed: int) -> Array:
