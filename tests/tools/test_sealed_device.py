@@ -1,4 +1,4 @@
-"""The sealed device of the bench of campaigns: a run is played whole, or ends at a limit as the daemon's law ends it."""
+"""The sealed device of the bench of campaigns: a run is whole, or ends at a limit as the daemon's law ends it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A sealed device of the proof's generator: it plays a signal of `hoopd experiment` and hands back a recording.
 
-A run ends where the daemon's law would end it: at its limits of speed and angle, the angle seen as late as pictures are.
+A run ends where the daemon's law would end it: at its limits of speed and angle, the angle as late as pictures are.
 
 Rules of this file: the plant shares no code with what learns; the signal alone is made by the command's own plan. Sizes
 are nats of a fast two-level signal of 20 s, so that a campaign begins with what it hardly sees.
@@ -108,8 +108,8 @@ class SealedDevice:
 
 
 def stopped_at(states: Array) -> int | None:
-    """The sample from which on the daemon's law has no torque: the hoop's speed, or the ball's angle by a picture that is
-    as old as the daemon's, is beyond its limit in the true states (samples, 4); None where neither is."""
+    """The sample from which on the daemon's law has no torque, of true states (samples, 4): the hoop's speed is beyond its
+    limit, or the ball's angle by a picture as old as the daemon's; None where neither is."""
     fast = np.abs(states[:, 1]) > LIMITS.speed_limit_rad_s
     far = np.abs(states[: len(states) - PICTURE_AGE, 2]) > LIMITS.angle_limit_rad
     beyond = np.flatnonzero(fast | np.pad(far, (PICTURE_AGE, 0)))
