@@ -108,8 +108,10 @@ class SealedDevice:
 
 
 def stopped_at(states: Array) -> int | None:
-    """The sample from which on the daemon's law has no torque, of true states (samples, 4): the hoop's speed is beyond its
-    limit, or the ball's angle by a picture as old as the daemon's; None where neither is."""
+    """The sample from which on the daemon's law has no torque; None where no limit is passed.
+
+    states: true ones (samples, 4); the hoop's speed counts at once, the ball's angle as late as the daemon's pictures.
+    """
     fast = np.abs(states[:, 1]) > LIMITS.speed_limit_rad_s
     far = np.abs(states[: len(states) - PICTURE_AGE, 2]) > LIMITS.angle_limit_rad
     beyond = np.flatnonzero(fast | np.pad(far, (PICTURE_AGE, 0)))
