@@ -30,9 +30,6 @@ Array = NDArray[np.float64]
 # Gauss-Newton ends when no parameter moves by more than this share of its standard error.
 SETTLED = 0.1
 FIRST_STEPS, MOST_STEPS, LAST_STEPS = 3, 8, 2
-# Levels and parameters are moved in turns until a turn gains less than this, in nats, and so often at most: levels that
-# were a thousand times too large (no disturbance at all acts on a simulated device) take more than one.
-ROUND_NATS, MOST_ROUNDS = 1.0, 4
 # A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
 # so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
 WORSE_NATS, MOST_HALVINGS = 100.0, 6
@@ -130,15 +127,13 @@ def _searched(found: HypothesisFit, *, tune_noise: bool, near: bool) -> Hypothes
         _search(found, FIRST_STEPS)
         tuned_noise(found, near=near)
     _search(found, MOST_STEPS)
-    for _ in range(MOST_ROUNDS if tune_noise else 0):
+    if tune_noise:
         before = _kept(found)
         tuned_noise(found, near=True)
         _search(found, LAST_STEPS)
         if before.criterion < found.criterion:
             # where the model bends (a friction turns round between two readings) a step may lead away again
             return before
-        if before.criterion - found.criterion < ROUND_NATS:
-            break
     return found
 
 
