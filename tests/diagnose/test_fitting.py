@@ -102,8 +102,15 @@ def begun_high(calm: Stretch) -> HypothesisFit:
     return fit([calm], (), off, noise={"calm": NOISE._replace(force=10.0 * NOISE.force, reading=3.0 * NOISE.reading)})
 
 
-def test_what_only_better_noise_levels_gain_names_nothing(calm: Stretch) -> None:
+def test_levels_of_a_disturbance_that_is_not_there_go_all_the_way_down(calm: Stretch) -> None:
+    found = begun_high(calm)
+    best = fit([calm], (), PLANT.values, like=found, noise={"calm": NOISE._replace(force=1e-5 * np.ones(2))})
+    assert found.criterion - best.criterion < 1.0
+
+
+def test_what_only_better_noise_levels_gain_names_nothing(calm: Stretch, monkeypatch: pytest.MonkeyPatch) -> None:
     """The search for them stood still in the fit before, and not in the fit with an effect that is not there."""
+    monkeypatch.setattr(fitting, "MOST_TURNS", 1)
     before, drag = begun_high(calm), LIBRARY["hoop.quadratic_drag"]
     new = fit([calm], [drag], PLANT.values, noise={"calm": NOISE._replace(force=1e-5 * np.ones(2))})
     assert before.criterion - new.criterion > 2.0 * (threshold := Settings().threshold)

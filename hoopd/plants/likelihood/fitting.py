@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 # Gauss-Newton ends when no parameter moves by more than this share of its standard error.
 SETTLED = 0.1
 FIRST_STEPS, MOST_STEPS, LAST_STEPS = 3, 8, 2
+# A disturbance's level that has fallen to less than this share in a turn was not found yet (nearly none acts on a
+# simulated device): levels and parameters are moved once more, so often at most.
+FALLEN, MOST_TURNS = 0.5, 4
 # A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
 # so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
 WORSE_NATS, MOST_HALVINGS = 100.0, 6
@@ -127,13 +130,15 @@ def _searched(found: HypothesisFit, *, tune_noise: bool, near: bool) -> Hypothes
         _search(found, FIRST_STEPS)
         tuned_noise(found, near=near)
     _search(found, MOST_STEPS)
-    if tune_noise:
+    for _ in range(MOST_TURNS if tune_noise else 0):
         before = _kept(found)
         tuned_noise(found, near=True)
         _search(found, LAST_STEPS)
         if before.criterion < found.criterion:
             # where the model bends (a friction turns round between two readings) a step may lead away again
             return before
+        if not any((found.noise[name].force < FALLEN * old.force).any() for name, old in before.noise.items()):
+            break
     return found
 
 
