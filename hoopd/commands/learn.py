@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import typer
 
-from hoopd.commands.learn_steps import Progress, Steps
+from hoopd.commands.learn_steps import Progress, Steps, set_aside
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
 from hoopd.commands.output import check_json
@@ -26,7 +27,8 @@ from hoopd.learn.campaign import (
     Campaign,
     CampaignRequest,
     DiagnosedRun,
-    recorded_s,
+    RunFiles,
+    lasted_s,
 )
 from hoopd.learn.choice import ChosenRun
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
@@ -40,6 +42,7 @@ MayPlay = Callable[[str], bool]
 # What a run takes beside its signal: until everything is well, and braking.
 AROUND_S = 2.0
 LEAST_S = 5.0  # of a recording that is worth a diagnosis
+MOST_SMALLER = 3  # tries of one run with half the torque of the one before
 
 
 def learn(options: LearnOptions) -> None:
@@ -151,10 +154,11 @@ def record_until_settled(
         choice = campaign.choose(runs)
         if choice is None:
             return runs, f"No signal inside the limits tells more: {'; '.join(runs[-1].belief.open)}."
-        spent = sum(one.seconds for one in runs)
+        early = campaign.run_files(len(runs) + 1).early
+        spent = sum(one.seconds for one in runs) + sum(lasted_s(path) for path in early)
         if spent + _longest(choice) > budget_s:
             return runs, f"The budget of {budget_s:.0f} s leaves no room for the next run of {_longest(choice):.0f} s."
-        question = f"{' '.join(choice.words)}, {_longest(choice):.0f} s: {choice.reason}."
+        question = f"{' '.join(choice.played)}, {_longest(choice):.0f} s: {choice.reason}."
         if not (steps.options.sim or steps.options.yes):
             campaign.tell(doing="waiting for a word", asks=f"whoever began it: may it play {question}")
         if not may_play(question):
@@ -166,11 +170,22 @@ def _one_run(steps: Steps, runs: Sequence[DiagnosedRun], choice: ChosenRun) -> N
     number = len(runs) + 1
     files = steps.campaign.run_files(number)
     steps.record(files, choice, number)
-    seconds = recorded_s(files)
-    if seconds < LEAST_S:
-        outcome = read_json(files.experiment, dict[str, Any])["outcome"]
-        raise StepError(f"run {number} lasted {seconds:.1f} s: {outcome}")
+    if lasted_s(files.experiment) < LEAST_S:
+        _ask_for_less(steps.campaign, files, choice, number)
+        return
     steps.diagnose(files, [*(one.files.recording for one in runs), files.recording], number)
+
+
+def _ask_for_less(campaign: Campaign, files: RunFiles, choice: ChosenRun, number: int) -> None:
+    """The run again at half its torque, where a limit ended it too early; StepError where something else did."""
+    told = read_json(files.experiment, dict[str, Any])
+    outcome, lasted = told["outcome"], f"lasted {lasted_s(files.experiment):.1f} s"
+    if not told.get("limit_passed") or len(files.early) >= MOST_SMALLER:
+        raise StepError(f"run {number} {lasted}: {outcome}")
+    set_aside(files.recording, "early")
+    reason = f"{choice.reason}; it {lasted} ({outcome}): with half the torque"
+    campaign.decide(files, replace(choice, amplitude_nm=told["amplitude_nm"] / 2.0, reason=reason))
+    set_aside(files.experiment, "early")
 
 
 def _longest(choice: ChosenRun) -> float:
@@ -229,7 +244,7 @@ def _tell_so_far(campaign: Campaign, runs: Sequence[DiagnosedRun]) -> None:
 
     told = [
         BelievedRun(
-            signal=" ".join(one.choice.words), why=one.choice.reason, seconds=one.seconds,
+            signal=" ".join(one.choice.played), why=one.choice.reason, seconds=one.seconds,
             explanation=one.belief.explanation, sure=one.belief.probability, open=list(one.belief.open),
         )
         for one in runs

@@ -36,7 +36,7 @@ TIMES, FREQUENCIES = ("hold_s", "kick_s", "rest_s", "soft_start_s", "soft_end_s"
 HELD = {"steps": ("hold_s",), "decay": ("kick_s", "rest_s")}
 OF_A_DEVICE = (
     "config", "sets", "arm", "around", "camera", "centring_nm_per_rad_s", "no_ball", "torque_limit_nm",
-    "speed_limit_rad_s", "angle_limit_rad", "soft_start_s", "soft_end_s",
+    "speed_limit_rad_s", "angle_limit_rad", "soft_start_s", "soft_end_s", "model", "use_share",
 )  # fmt: skip
 KINDS = ("prbs", "chirp", "multisine", "steps", "decay")
 # Of a limit, what a signal uses where nobody says an amplitude.

@@ -12,6 +12,9 @@ from math import cos, inf, isfinite, nan, pi, tau
 
 from hoopd.core.controllers import DONE, Controller, Log, Measurement, Successor
 
+# In the reason why a law has ended: a limit of its own was passed.
+BEYOND = " beyond "
+
 
 @dataclass(frozen=True)
 class ExcitationLimits:
@@ -109,10 +112,10 @@ class Excitation:
             return "the estimate was lost"
         speed = _largest(float(m.x[1]), m.dtheta_measured)
         if not speed <= self.limits.hoop_speed_rad_s:
-            return f"hoop speed {speed:.2f} rad/s beyond {self.limits.hoop_speed_rad_s:g}"
+            return f"hoop speed {speed:.2f} rad/s{BEYOND}{self.limits.hoop_speed_rad_s:g}"
         angle = _largest(_wrapped(float(m.x[2])), _wrapped(m.psi_measured) if m.psi_fresh else nan)
         if not angle <= self.limits.ball_angle_rad:
-            return f"ball angle {angle:.3f} rad beyond {self.limits.ball_angle_rad:g}"
+            return f"ball angle {angle:.3f} rad{BEYOND}{self.limits.ball_angle_rad:g}"
         return ""
 
 

@@ -16,13 +16,14 @@ import msgspec
 import numpy as np
 
 from hoopd.core.controllers import DONE
+from hoopd.core.excitation import BEYOND
 from hoopd.core.modes import Mode
 from hoopd.daemon.app import Options, check_options, perform
 from hoopd.daemon.build import Texts, read_texts, without_places
 from hoopd.daemon.conductor import START_PATIENCE_S, Conductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.files.controller import ControllerFile, parse_controller
-from hoopd.files.reading import InputError
+from hoopd.files.reading import InputError, read_text
 from hoopd.files.whole_files import check_target, replace_file
 from hoopd.ident import signals
 from hoopd.plants.hoop.loop.experiment_plan import FinishedPlan, Plan, write_score
@@ -90,7 +91,8 @@ def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Conf
     base = parse_controller(texts.controller, base_file)
     if plan.around is not None:
         _check_holding(plan.around, base, config.loop.period_s)
-    score = write_score(plan, base, texts.model, config.loop.period_s)
+    foresees = texts.model if plan.model is None else read_text(plan.model)
+    score = write_score(plan, base, foresees, config.loop.period_s)
     config = change(config, control=change(config.control, file=f"experiment {plan.kind}"))
     text = configuration.dump(without_places(config))
     return config, texts._replace(config=text, controller=score.text), score
@@ -146,6 +148,7 @@ def told(
     return {
         "experiment": plan.kind,
         "outcome": outcome,
+        "limit_passed": BEYOND in outcome,
         "file": str(path),
         "rows": len(recording),
         "played_s": round(int(np.count_nonzero(played)) * period_s, 9),

@@ -100,6 +100,8 @@ def experiment(
     seed: int = 0,
     duration: float | None = None,
     amplitude: float | None = None,
+    model: Path | str | None = None,
+    use: float = 0.8,
     clock: int = 1,
     low: float = 0.3,
     high: float = 5.0,
@@ -136,6 +138,10 @@ def experiment(
         Seconds of signal; 20, for decay 34 (of another plant by its usual sample time) unless given.
     amplitude : float, optional
         Of the input, for the hoop in N m; what the model lets through unless given.
+    model : str or Path, optional
+        Model file that foresees what the signal does; the filter's unless given.
+    use : float
+        Of the limits, what the signal may use on the model.
     clock : int
         prbs: ticks that a value is held.
     low, high : float
@@ -182,9 +188,10 @@ def experiment(
     (['F'], ['x'])
     """
     asked = from_python(
-        ExperimentOptions, kind=kind, at=at, seed=seed, duration=duration, amplitude=amplitude, clock=clock, low=low,
-        high=high, hold=hold, kick=kick, rest=rest, max_torque=max_torque, max_speed=max_speed, max_angle=max_angle,
-        soft_start=soft_start, soft_end=soft_end, centring=centring, around=around, no_ball=no_ball, sets=sets,
+        ExperimentOptions, kind=kind, at=at, seed=seed, duration=duration, amplitude=amplitude, model=model, use=use,
+        clock=clock, low=low, high=high, hold=hold, kick=kick, rest=rest, max_torque=max_torque, max_speed=max_speed,
+        max_angle=max_angle, soft_start=soft_start, soft_end=soft_end, centring=centring, around=around,
+        no_ball=no_ball, sets=sets,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.mcap" if file is None else Path(file)

@@ -2,7 +2,7 @@
 
     learn.json                what was asked for
     run_01/choice.json        what is recorded and why
-    run_01/recording.mcap     of `hoopd experiment`, with experiment.json
+    run_01/recording.mcap     of `hoopd experiment`, with experiment.json; early_1.mcap and .json what a limit ended
     run_01/diagnosis.json     of `hoopd diagnose` on all recordings so far, with report.html and model.yaml
     controller.yaml           of `hoopd design`, with design.json
     comparison.json           of `hoopd compare`, with comparison.png
@@ -67,6 +67,11 @@ class RunFiles:
     def experiment(self) -> Path:
         """What `hoopd experiment` said."""
         return self.folder / "experiment.json"
+
+    @property
+    def early(self) -> list[Path]:
+        """What `hoopd experiment` said of tries that a limit ended before anything was learned."""
+        return sorted(self.folder.glob("early_*.json"))
 
     @property
     def diagnosis(self) -> Path:
@@ -195,6 +200,11 @@ class Campaign:
 
 
 def recorded_s(files: RunFiles) -> float:
-    """Seconds that a run took, from its experiment's own words."""
-    told = read_json(files.experiment, dict[str, Any])
+    """Seconds that a run took, with those of its tries that ended too early, from their experiments' own words."""
+    return sum(lasted_s(path) for path in (files.experiment, *files.early))
+
+
+def lasted_s(experiment: Path) -> float:
+    """Seconds of one try."""
+    told = read_json(experiment, dict[str, Any])
     return float(told["ended_at_s"] or 0.0)

@@ -39,6 +39,18 @@ class ChosenRun:
     words: tuple[str, ...]
     reason: str
     expected_nats: float | None = None
+    amplitude_nm: float | None = None  # where a limit has ended it too early
+
+    @property
+    def played(self) -> tuple[str, ...]:
+        """The words with the amplitude."""
+        if self.amplitude_nm is None:
+            return self.words
+        words = list(self.words)
+        if "--amplitude" in words:
+            at = words.index("--amplitude")
+            del words[at : at + 2]
+        return (*words, "--amplitude", f"{self.amplitude_nm:.3g}")
 
 
 def first() -> ChosenRun:

@@ -71,7 +71,7 @@ def _beliefs(runs: Sequence[DiagnosedRun]) -> str:
 
 
 def _row(number: int, run: DiagnosedRun) -> tuple[str, ...]:
-    signal, seconds = " ".join(run.choice.words), f"{run.seconds:.0f}"
+    signal, seconds = " ".join(run.choice.played), f"{run.seconds:.0f}"
     return str(number), signal, seconds, run.belief.explanation, f"{run.belief.probability:.0%}"
 
 
@@ -85,7 +85,7 @@ def _run(number: int, run: DiagnosedRun) -> str:
     )
     still = "Settled." if run.belief.settled else f"Still open: {'; '.join(run.belief.open)}."
     return (
-        f"<h3>Run {number}: {text(' '.join(run.choice.words))}, {run.seconds:.0f} s</h3>\n"
+        f"<h3>Run {number}: {text(' '.join(run.choice.played))}, {run.seconds:.0f} s</h3>\n"
         f"{paragraph(f'Why: {run.choice.reason}{nats}.')}{paragraph(verdict_sentence(run.diagnosis))}"
         f"{paragraph(still)}{links}"
     )

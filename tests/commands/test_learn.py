@@ -33,7 +33,7 @@ class Played:
 
     def __init__(self, diagnoses: Sequence[Diagnosis], verdict: str = "better") -> None:
         self.diagnoses, self.verdict, self.words = list(diagnoses), verdict, list[list[str]]()
-        self.fails = ""
+        self.fails, self.early, self.writes_models = "", list[dict[str, Any]](), False
 
     def __call__(self, words: Sequence[Any]) -> int:
         text = [str(one) for one in words]
@@ -44,7 +44,10 @@ class Played:
         content: dict[str, Any] = {"ended_at_s": 21.0, "outcome": "done"}
         if text[0] == "experiment":
             Path(text[text.index("--out") + 1]).write_bytes(b"recording")
+            content = self.early.pop(0) if self.early else content
         if text[0] == "diagnose":
+            if self.writes_models:
+                Path(text[text.index("--write") + 1]).write_text("a model")
             told.write_bytes(to_json_bytes(self.diagnoses.pop(0)))
             return 0
         if text[0] == "compare":
@@ -153,6 +156,44 @@ def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypa
     steps.fails = ""
     command.run(options(tmp_path))
     assert (folder / "broken_1.mcap").read_bytes() == b"half"
+
+
+def test_the_last_diagnosis_foresees_the_next_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch, said(0.6), said(0.92))
+    steps.writes_models = True
+    command.run(options(tmp_path))
+    first, second = (one for one in steps.words if one[0] == "experiment")
+    assert "--model" not in first and float(first[first.index("--use") + 1]) < 0.8
+    assert second[second.index("--model") + 1] == str(tmp_path / "campaign" / "run_01" / "model.yaml")
+
+
+def test_a_run_that_a_limit_ended_too_early_is_made_again_with_half_the_torque(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, folder = played(monkeypatch, said(0.6), said(0.92)), tmp_path / "campaign" / "run_01"
+    early = {"ended_at_s": 1.5, "outcome": "ball angle 1.3 rad beyond 1.25", "limit_passed": True}
+    steps.early = [{**early, "amplitude_nm": 0.08}, {**early, "amplitude_nm": 0.04}]
+    asked: list[str] = []
+    result = command.run(options(tmp_path), may_play=lambda text: not asked.append(text))
+    assert [one[one.index("--amplitude") + 1] for one in steps.words if "--amplitude" in one] == ["0.04", "0.02"]
+    assert result["recorded_s"] == 42.0 + 3.0 and result["runs"] == 2
+    assert len(asked) == 4 and "beyond 1.25): with half the torque" in asked[1]
+    assert {one.name for one in folder.glob("early_*")} == {
+        f"early_{k}.{end}" for k in (1, 2) for end in ("mcap", "json")
+    }
+    # it is the same kind of signal all the same
+    assert read_progress(tmp_path / "campaign").runs[0].signal == "prbs --amplitude 0.02"
+
+
+@pytest.mark.parametrize(("limit", "tries"), [(True, 4), (False, 1)])
+def test_what_ends_again_and_again_or_by_a_fault_ends_the_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: bool, tries: int
+) -> None:
+    steps = played(monkeypatch, said(0.6))
+    steps.early = [{"ended_at_s": 1.5, "outcome": "why it ended", "limit_passed": limit, "amplitude_nm": 0.08}] * 9
+    with pytest.raises(command.StepError, match=r"run 1 lasted 1\.5 s: why it ended"):
+        command.run(options(tmp_path))
+    assert steps.commands == ["experiment"] * tries
 
 
 def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,23 @@ def test_the_command_line_has_the_same_defaults() -> None:
 def test_an_amplitude_too_large_for_the_model_is_told(tmp_path: Path) -> None:
     result = perform(tmp_path, Plan("prbs", 10.0, 0.1, clock_ticks=6)).result
     assert any(note.startswith("little room") for note in result["notes"])
+
+
+def test_another_model_foresees_and_says_how_large_a_signal_may_be(tmp_path: Path) -> None:
+    """A ball with hardly any friction swings farther, and so does what is driven at its own frequency."""
+    text = (ROOT / "config/models/hoop.yaml").read_text()
+    (tmp_path / "free.yaml").write_text(re.sub(r"(bb: .*?value: )[-\d.e]+", r"\g<1>1.0e-7", text))
+    plan = Plan("multisine", 4.0, low_hz=1.0, high_hz=2.0)
+    plans = {"usual": plan, "other": plan._replace(model=tmp_path / "free.yaml"), "small": plan._replace(use_share=0.3)}
+    for name in plans:
+        (tmp_path / name).mkdir()
+    usual, other, small = (perform(tmp_path / name, one).result for name, one in plans.items())
+    assert other["foreseen_ball_angle_rad"] / other["amplitude_nm"] > (
+        1.1 * usual["foreseen_ball_angle_rad"] / usual["amplitude_nm"]
+    )
+    assert small["amplitude_nm"] < usual["amplitude_nm"]
+    assert small["foreseen_ball_angle_rad"] <= 0.3 * plan.angle_limit_rad
+    assert small["foreseen_hoop_speed_rad_s"] <= 0.3 * plan.speed_limit_rad_s
 
 
 def test_a_law_that_swings_for_late_pictures_is_foreseen_to(tmp_path: Path) -> None:

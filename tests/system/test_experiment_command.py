@@ -34,6 +34,9 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
     "torque that is none": (("prbs", *LOCKSTEP, "--amplitude", "nan"), "--amplitude: must be a finite number, not nan"),
     "speed beyond the fault's": (("prbs", *LOCKSTEP, "--max-speed", "60"), "--max-speed: 60 rad/s must be below"),
     "endless speed": (("prbs", *LOCKSTEP, "--max-speed", "nan"), "--max-speed"),
+    "no model": (("prbs", *LOCKSTEP, "--model", "FOLDER/none.yaml"), "none.yaml: no such file"),
+    "model that is none": (("prbs", *LOCKSTEP, "--model", "FOLDER/../signal.yaml"), "signal.yaml"),
+    "more than the limits": (("prbs", *LOCKSTEP, "--use", "1.2"), "--use"),
     "no band": (("chirp", *LOCKSTEP, "--low", "5", "--high", "1"), "experiment chirp: needs 0 < low < high"),
     "band of nothing": (
         ("multisine", *LOCKSTEP, "--low", "0.6", "--high", "0.9"),

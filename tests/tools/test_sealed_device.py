@@ -34,8 +34,8 @@ def played(device: sealed.SealedDevice, tmp_path: Path, monkeypatch: pytest.Monk
     """The torque that a run recorded."""
 
     def play(torque: np.ndarray) -> np.ndarray:
-        monkeypatch.setattr(sealed, "torque_of", lambda words, number: torque.copy())
-        seconds = device.record(["prbs"], 1, tmp_path / "run.mcap")
+        monkeypatch.setattr(sealed, "torque_of", lambda score: torque.copy())
+        seconds = device.record(["prbs"], 1, tmp_path / "run.mcap")["ended_at_s"]
         recording = load(tmp_path / "run.mcap")
         assert seconds == pytest.approx(len(recording) * SAMPLE_S)
         return recording.signals["u"].values

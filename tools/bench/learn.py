@@ -67,8 +67,8 @@ class SealedSteps(Steps):
 
     def record(self, files: RunFiles, choice: ChosenRun, number: int) -> None:
         """The recording of a run."""
-        seconds = self.device.record(choice.words, number, files.recording)
-        files.experiment.write_text(json.dumps({"ended_at_s": seconds, "outcome": "done"}))
+        words = (*choice.played, *self.foresight(number))
+        files.experiment.write_text(json.dumps(self.device.record(words, number, files.recording)))
 
 
 def drawn(number: int, seed: int) -> tuple[str, ...]:

@@ -42,6 +42,12 @@ class ExperimentOptions:
         "--amplitude",
         text="Torque in N m, of another plant its first input in its unit; what the model lets through else.",
     )
+    model: Path | None = option(
+        "--model", text="Model that foresees what the signal does; the filter's else.", metavar="FILE"
+    )
+    use_share: float = option(
+        "--use", min=0.05, max=1.0, text="Of the limits, what the signal may use on the model.", default=0.8
+    )
     seed: int = option("--seed", min=0, text="Seed of the signal, and of the rig.", default=0)
     clock_ticks: int = option("--clock", min=1, max=1000, text="prbs: ticks that a value is held.", default=1)
     low_hz: float = option("--low", text="chirp, multisine: lowest frequency in Hz.", default=0.3)

@@ -22,10 +22,11 @@ from concealed.recipes import TRAINING, Recipe, Wish, draw
 from concealed.simulate import PIECES, WARM, Trace, simulate
 from concealed.sizing import find_sizes
 
+from hoopd.core.excitation import BEYOND
 from hoopd.core.records import PICTURE_AGE_S
 from hoopd.files.controller import parse_controller
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan, unit_table, write_score
+from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, FinishedPlan, Plan, unit_table, write_score
 from hoopd.recording import load, save
 
 # The generator sizes over two recordings of 30 s, a campaign's first has 20 s.
@@ -38,7 +39,7 @@ COAST = 25  # samples that the daemon records while hoop and ball come to rest a
 OPTIONS = {
     "--amplitude": ("amplitude_nm", float), "--duration": ("duration_s", float), "--clock": ("clock_ticks", int),
     "--low": ("low_hz", float), "--high": ("high_hz", float), "--hold": ("hold_s", float), "--kick": ("kick_s", float),
-    "--rest": ("rest_s", float),
+    "--rest": ("rest_s", float), "--use": ("use_share", float), "--model": ("model", Path),
 }  # fmt: skip
 
 
@@ -81,9 +82,10 @@ class SealedDevice:
         made = traces([self.recipe])
         return answer(self.recipe, [made[self.recipe.identifier, index] for index in range(3)])
 
-    def record(self, words: Sequence[str], number: int, path: Path) -> float:
-        """Play the words of `hoopd experiment` from rest and write the recording; its length in s."""
-        torque = torque_of(words, number)
+    def record(self, words: Sequence[str], number: int, path: Path) -> dict[str, Any]:
+        """Play the words of `hoopd experiment` from rest and write the recording; what the command would say of it."""
+        score = score_of(words, number)
+        torque = torque_of(score)
         trace = self._played(torque, number)
         if (end := stopped_at(trace.states[..., 0])) is not None:
             torque[end:] = 0.0
@@ -95,7 +97,9 @@ class SealedDevice:
         table.unlink()
         states = np.abs(trace.states[..., 0])
         self.runs.append(PlayedRun(states[:, 2].max(), states[:, 1].max(), float(np.abs(torque).max())))
-        return float(len(torque) * SAMPLE_S)
+        seconds = float(len(torque) * SAMPLE_S)
+        told = {"outcome": "done"} if end is None else {"outcome": f"hoop or ball{BEYOND}a limit"}
+        return {**told, "limit_passed": end is not None, "ended_at_s": seconds, "amplitude_nm": score.amplitude_nm}
 
     def _played(self, torque: Array, number: int) -> Trace:
         told = {one.name: getattr(self.recipe, one.name) for one in fields(Recipe)}
@@ -124,13 +128,18 @@ def _first(trace: Trace, count: int) -> Trace:
     return replace(trace, history=history, torque=trace.torque[:count], rows=trace.rows[:count])
 
 
-def torque_of(words: Sequence[str], seed: int) -> Array:
-    """Torque of a signal in N m, a value a tick, as the command would choose it."""
+def score_of(words: Sequence[str], seed: int) -> FinishedPlan:
+    """A signal as the command would choose it."""
     told: dict[str, Any] = {"duration_s": DURATIONS_S.get(words[0], DURATION_S), "seed": seed}
     for name, value in zip(words[1::2], words[2::2], strict=True):
         field, kind = OPTIONS[name]
         told[field] = kind(value)
-    folder = defaults_folder()
+    folder, plan = defaults_folder(), Plan(words[0], **told)
     base = parse_controller((folder / "controllers" / "lqg.yaml").read_text(), "lqg")
-    score = write_score(Plan(words[0], **told), base, (folder / "models" / "hoop.yaml").read_text(), SAMPLE_S)
-    return np.asarray(parse_controller(score.text, "signal").gains["table_nm"], dtype=np.float64)
+    model = plan.model or folder / "models" / "hoop.yaml"
+    return write_score(plan, base, model.read_text(), SAMPLE_S)
+
+
+def torque_of(score: FinishedPlan) -> Array:
+    """Torque in N m, a value a tick."""
+    return np.array(parse_controller(score.text, "signal").gains["table_nm"], dtype=np.float64)

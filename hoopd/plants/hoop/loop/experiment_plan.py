@@ -25,7 +25,7 @@ from hoopd.files.yaml_text import text_of
 from hoopd.ident import signals
 from hoopd.plants.hoop.equations import without_ball
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.model_file import parse_model
+from hoopd.plants.model_file import effects_of, parse_model
 
 # Torques to try when none is asked for: 0.1 N m is what the recordings of the real hoop were made with.
 AMPLITUDES_NM = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01)
@@ -59,6 +59,8 @@ class Plan(NamedTuple):
     soft_end_s: float = 0.5
     centring_nm_per_rad_s: float = 0.0
     around: Path | None = None
+    model: Path | None = None  # that foresees; None: the filter's
+    use_share: float = COMFORT
     ball: bool = True
 
 
@@ -105,9 +107,7 @@ def unit_table(plan: Plan, variant: int, period_s: float) -> signals.Signal:
 
 def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: float) -> FinishedPlan:
     """Choose a signal and write it down; InputError for a plan that cannot be played."""
-    model = parse_model(model_text, "model")
-    values = model.values() if plan.ball else without_ball(model.structure, model.values())
-    plant = HoopPlant(model.structure, values)
+    plant = _plant_of(model_text, plan.model or "model", ball=plan.ball)
 
     def make(variant: int, amplitude_nm: float) -> ControllerFile:
         return _file(plan, base, variant, amplitude_nm, period_s)
@@ -118,6 +118,15 @@ def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: flo
     parse_controller(text, "experiment")
     warnings = tuple(_warnings(plan, use, amplitude_nm, forecast))
     return FinishedPlan(text, amplitude_nm, len(table) * period_s, forecast, warnings)
+
+
+def _plant_of(model_text: str, name: str | Path, *, ball: bool) -> HoopPlant:
+    """What foresees: the model with those of its effects that act on the state alone."""
+    model = parse_model(model_text, name)
+    if not ball:
+        return HoopPlant(model.structure, without_ball(model.structure, model.values()))
+    found = effects_of(model).only(lambda effect: effect.acts_now)
+    return HoopPlant.with_effects(found) if found else HoopPlant(model.structure, model.values())
 
 
 def _choose(
@@ -133,7 +142,7 @@ def _choose(
         use = forecast.use(plan) if forecast.ended == DONE else inf
         if best is None or use < best[0]:
             best = (use, file, amplitude_nm, forecast)
-        if use <= COMFORT:
+        if use <= plan.use_share:
             break
     assert best is not None
     return best
@@ -203,7 +212,7 @@ def _notes(plan: Plan, variant: int, amplitude_nm: float) -> str:
 
 
 def _warnings(plan: Plan, use: float, amplitude_nm: float, forecast: Forecast) -> Iterator[str]:
-    if use > COMFORT:
+    if use > max(COMFORT, plan.use_share):
         seen = f"hoop {forecast.hoop_speed_rad_s:.1f} rad/s, ball {forecast.ball_angle_rad:.2f} rad"
         ends = "" if forecast.ended == DONE else f", and it would end early: {forecast.ended}"
         yield f"little room: the model foresees {seen}{ends}; a smaller --amplitude is safer"
