@@ -24,7 +24,7 @@ from hoopd.diagnose.search.scan_score import Scanned
 from hoopd.diagnose.search.screen import Score, Screen
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.declaration import Channel, Input, Plant, Slot
-from hoopd.plants.effects.grammar.mechanism import NATS_A_CONSTANT, Mechanism
+from hoopd.plants.effects.grammar.mechanism import NATS_A_CONSTANT, TEXTBOOK_COST_NATS, Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -291,7 +291,7 @@ def test_a_law_at_its_limit_is_the_name_and_no_rival_of_it() -> None:
 
 
 def test_what_a_mechanism_costs_is_taken_off_what_it_is_worth() -> None:
-    """A textbook's law costs what a name does: nothing beyond that it was looked for."""
+    """A textbook's law costs what it is rarer than a name, any other one more."""
     train = [recorded("day1", 1, bumper)]
     about = fit(train, (), SLIDE.values)
     screen = MechanismScreen(about, [*mechanisms(SLIDE).values()])
@@ -300,7 +300,8 @@ def test_what_a_mechanism_costs_is_taken_off_what_it_is_worth() -> None:
     assert len({one.mechanism.textbook for one in dear}) == 2
     for one in dear:
         constants = len(one.mechanism.constants)
-        assert one.cost == 0.0 if one.mechanism.textbook else one.cost > 0.5 + NATS_A_CONSTANT * constants
+        least = 0.5 + NATS_A_CONSTANT * constants
+        assert one.cost == TEXTBOOK_COST_NATS if one.mechanism.textbook else one.cost > least
         assert worth[one.effect.name] == pytest.approx(one.surprise - one.cost, abs=0.1), one.effect.name
 
 

@@ -40,8 +40,8 @@ MOST_SWAPS = 2
 # Beside no other effect the first order of a screen is rough: a mechanism that explains this share is fitted in place
 # of all names.
 WORTH_SHARE = 0.5
-# A textbook's law is as likely as a name beforehand: it takes the name's place where more than this speaks for it. To
-# first order a name that has sunk into the fit's noise is that much ahead, in nats or as a share.
+# What a textbook's law must explain beyond a name whose place it takes, its cost paid: three nats together, with which
+# a name is excluded. To first order one that has sunk into the fit's noise is that much ahead, in nats or as a share.
 TEXTBOOK_NATS, FIRST_ORDER_NATS, FIRST_ORDER_SHARE = 1.0, 3.0, 0.1
 # A law is itself within so many times the constants that a screen tries of it.
 BEYOND_TRIED = 2.0

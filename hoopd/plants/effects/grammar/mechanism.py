@@ -42,8 +42,8 @@ NOTHING = 1e-6
 BEYOND_TRIED = 10.0
 # Shapes whose v0 is a place, with either sign.
 PLACED = ("above", "below", "well", "detent", "bent", "lens")
-# Each constant of a law costs evidence.
-NATS_A_CONSTANT = 1.5
+# Each constant of a law costs evidence; a textbook's law costs what it is rarer than a library's name, one to seven.
+NATS_A_CONSTANT, TEXTBOOK_COST_NATS = 1.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Mechanism:
     way : int
         Of dry friction, the only sign of the rate that it opposes; 0: both.
     textbook : bool
-        A law that textbooks have for such a place: it costs no more than a library's name.
+        A law that textbooks have for such a place: it is rarer than a library's name, whatever its constants.
     """
 
     site: ActingPlace
@@ -205,7 +205,7 @@ class Mechanism:
             write_back="feed forward the formula where its variable is known; the estimator knows it",
             best_experiment=self._best_experiment,
             formula=self.formula,
-            cost_nats=0.0 if self.textbook else NATS_A_CONSTANT * len(self.constants),
+            cost_nats=TEXTBOOK_COST_NATS if self.textbook else NATS_A_CONSTANT * len(self.constants),
         )
 
     @property
