@@ -14,7 +14,9 @@ sys.path[:0] = [str(TOOLS), str(TOOLS / "bench")]
 
 from concealed.plant import SAMPLE_S  # noqa: E402
 from learning import device as sealed  # noqa: E402
+from learning.loops import truth_text  # noqa: E402
 
+from hoopd.plants.model_file import load_model  # noqa: E402
 from hoopd.recording import load  # noqa: E402
 
 LENGTH = 400
@@ -64,3 +66,15 @@ def test_a_run_ends_at_a_limit(
     speed, angle = run.most_speed_rad_s / limits.speed_limit_rad_s, run.most_angle_rad / limits.angle_limit_rad
     assert 1.0 < (speed if limit == "speed" else angle) < 1.15
     assert (angle if limit == "speed" else speed) < 1.0
+
+
+def test_the_truth_of_a_device_is_a_model_file(tmp_path: Path) -> None:
+    device = sealed.SealedDevice(("hoop.coulomb_friction",), (5.0, 40.0), (3, 1))
+    answer = device.answer()
+    path = tmp_path / "truth.yaml"
+    path.write_text(truth_text(answer))
+    model = load_model(path)
+    assert model.values() == pytest.approx({name: answer["base"][name] for name in model.values()})
+    (effect,) = model.effects
+    assert effect.name == "hoop.coulomb_friction"
+    assert effect.parameters["Fc"].value == pytest.approx(answer["effects"][0]["as_seen"]["Fc"])

@@ -39,25 +39,23 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 from concealed.proportions import shown  # noqa: E402
 from harness.healed_rig import HealedRun, controllers_of, heal_run  # noqa: E402
 from harness.kept_rows import KeptRows  # noqa: E402
-from harness.rigrun import RigRun, run_rig  # noqa: E402
+from harness.loop_cost import cost_of, cost_of_run  # noqa: E402
+from harness.rigrun import run_rig  # noqa: E402
 
 from hoopd.commands.heal_work import HealWorker  # noqa: E402
 from hoopd.commands.step_commands import run_step  # noqa: E402
-from hoopd.design.yardstick import TickSample, held_speed  # noqa: E402
-from hoopd.files.controller import load_controller  # noqa: E402
 from hoopd.files.heal_policy import HealPolicy  # noqa: E402
 from hoopd.files.heal_versions import FOUND  # noqa: E402
 from hoopd.files.model import EffectEntry, Parameter, model_text  # noqa: E402
 from hoopd.files.reading import InputError  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402
-from hoopd.heal.cost_promise import figure, summed  # noqa: E402
 from hoopd.heal.plan import HealPlan  # noqa: E402
 from hoopd.plants.effects.vocabulary import known_effects  # noqa: E402
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS  # noqa: E402
 from hoopd.plants.model_file import effects_plant, load_model  # noqa: E402
 from hoopd.sim import truth  # noqa: E402
 
-CHANGE_S, DURATION_S, JUDGED_S, STEP_S, HANDS_S = 60.0, 300.0, 60.0, 3.0, 2.0
+CHANGE_S, DURATION_S, STEP_S, HANDS_S = 60.0, 300.0, 3.0, 2.0
 RECOVERED, WORSE = 1.2, 1.05
 MOST_RAD = 0.1  # references, as far as those of `hoopd compare`
 POLICY = HealPolicy(schema="hoopd.policy/1", effects=["*.*"], parameter_change=10.0, pause_s=0.0, most_per_day=1000)
@@ -142,20 +140,6 @@ def designed_on_truth(kind: Kind, sizes: dict[str, float], folder: Path) -> Path
     path = place / "truth_law.yaml"
     run_step(["design", "lqg", "--model", folder / "truth.yaml", "--out", path], folder / "design.log")
     return path
-
-
-def cost_of(t: Any, dtheta: Any, ball: Any, u: Any, wanted: Any) -> float:
-    """The ball's error on true states over the last minute, rad rms."""
-    held = held_speed(load_controller(defaults_folder() / "controllers" / "lqg.yaml").gains)
-    part = t >= t[-1] - JUDGED_S
-    columns = zip(*(one[part].tolist() for one in (t, u, dtheta, ball, wanted)), strict=True)
-    rows = (TickSample(now, True, torque, speed, angle, now, wish) for now, torque, speed, angle, wish in columns)
-    return figure(summed(rows, held), "ball")
-
-
-def cost_of_run(run: RigRun) -> float:
-    """Of a run without a healing."""
-    return cost_of(run.t, run.dtheta, run.psi, run.u, run.reference)
 
 
 def cost_of_healed(run: HealedRun, duration_s: float) -> float:

@@ -1,12 +1,14 @@
 """Campaigns on sealed devices: how many runs until the right law is reached, beside a fast two-level signal repeated.
 
-python tools/bench/learn.py [--rigs 60] [--quiet 20] [--seed N] [--most 12] [--arms learn,prbs] [--json FILE]
+python tools/bench/learn.py [--rigs 60] [--quiet 20] [--seed N] [--most 12] [--arms learn,prbs] [--loops] [--json FILE]
 
 The devices are the proof's own generator's (tools/concealed): parameters 3 to 10 % off, a disturbance, and one effect,
 two thirds of them of the library and a third outside of it, of 5 to 40 nats in one 20 s run. `learn` chooses each run,
 `prbs` repeats the first; both stop by the same rule. It prints runs until settled and right (censored at --most), false
-findings, and how near the limits the true states came. Shares have their Clopper-Pearson intervals (95 %). With a
-`--json` that is there it goes on where that ends; a quiet device is the same one however many others there are.
+findings, and how near the limits the true states came. With `--loops` the law on what was learned holds the ball on a
+rig with the same parameters and effect, beside the law on the truth and the one of before. Shares have their
+Clopper-Pearson intervals (95 %). With a `--json` that is there it goes on where that ends; a quiet device is the same
+one however many others there are.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ from concealed.outside.judge import formula  # noqa: E402
 from concealed.proportions import shown  # noqa: E402
 from harness.kept_rows import KeptRows  # noqa: E402
 from learning.device import SealedDevice  # noqa: E402
+from learning.loops import loop_costs  # noqa: E402
 
 from hoopd.commands.learn import Steps, record_until_settled  # noqa: E402
 from hoopd.commands.options.learn import LearnOptions  # noqa: E402
@@ -46,6 +49,7 @@ from hoopd.learn.choice import MENU, ChosenRun  # noqa: E402
 NATS = (5.0, 40.0)
 # Of one picture alone, in one recording alone, or a matter of parameters.
 NOT_OF_A_RIG = frozenset({"camera.late_frames", "camera.outliers", "external.disturbance", "actuator.torque_gain"})
+NEAR, WORSE = 1.1, 1.05
 console = Console()
 
 
@@ -78,8 +82,10 @@ def drawn(number: int, seed: int) -> tuple[str, ...]:
     return (str(rng.choice(names)),)
 
 
-def campaign(device: SealedDevice, arm: str, most: int, seed: int) -> list[DiagnosedRun]:
-    """Its runs."""
+def campaign(
+    device: SealedDevice, arm: str, most: int, seed: int, answer: dict[str, Any], *, loops: bool
+) -> tuple[list[DiagnosedRun], dict[str, float]]:
+    """Its runs, and with `loops` what a loop costs afterwards."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "campaign"
         made = Repeated(folder) if arm == "prbs" else Campaign(folder)
@@ -87,7 +93,9 @@ def campaign(device: SealedDevice, arm: str, most: int, seed: int) -> list[Diagn
         made.begin(CampaignRequest(budget_s=most * 36.0, confidence=0.95, seed=seed, sim=True, config=None, sets=()))
         steps = SealedSteps(made, options, lambda text: None, device)
         runs, _ = record_until_settled(steps, most * 36.0, most_runs=most)
-        return list(runs)
+        model = None if runs[-1].diagnosis.verdict == "consistent" else runs[-1].files.model
+        costs = loop_costs(answer, model, Path(place) / "loops") if loops else {}
+        return list(runs), costs
 
 
 def judged(effects: Sequence[str], answer: dict[str, Any], runs: Sequence[DiagnosedRun]) -> dict[str, Any]:
@@ -106,6 +114,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--most", type=int, default=12)
     parser.add_argument("--arms", default="learn,prbs")
+    parser.add_argument("--loops", action="store_true", help="hold the ball afterwards, where a library has words")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     try:
@@ -119,10 +128,14 @@ def main() -> None:
         for arm in [one for one in asked.arms.split(",") if (name, one) not in done]:
             device = SealedDevice(effects, NATS, seed)
             answer = device.answer()
-            last_word = judged(effects, answer, campaign(device, arm, asked.most, seed[1]))
+            has_words = not any(one in OUTSIDE for one in effects)
+            runs, costs = campaign(device, arm, asked.most, seed[1], answer, loops=asked.loops and has_words)
+            last_word = judged(effects, answer, runs)
             use = max(max(one.most_angle_rad / 1.25, one.most_speed_rad_s / 45.0) for one in device.runs)
             nats = [one["nats"] for one in answer["effects"]]
-            kept.add({"device": name, "hidden": effects, "nats": nats, "arm": arm, "use": use, **last_word})
+            kept.add(
+                {"device": name, "hidden": effects, "nats": nats, "arm": arm, "use": use, **last_word, "costs": costs}
+            )
     for arm in asked.arms.split(","):
         show(arm, [row for row in kept.rows if row["arm"] == arm], asked.most)
 
@@ -140,6 +153,11 @@ def show(arm: str, rows: Sequence[dict[str, Any]], most: int) -> None:
     console.print(f"{arm}: right {shown(row['right'] for row in hidden)}, nothing where nothing is ", end="")
     console.print(f"{shown(row['right'] for row in quiet)}; runs until right, median {median(counted)}, quiet ", end="")
     console.print(f"{median([row['runs'] for row in quiet])}; limits passed {sum(row['use'] > 1 for row in rows)}")
+    costs = [row["costs"] for row in rows if row.get("costs")]
+    if costs:
+        near = shown(one["learned"] <= NEAR * one["truth"] for one in costs)
+        worse = shown(one["learned"] > WORSE * one["before"] for one in costs)
+        console.print(f"ball's error within 10 % of the law on the truth {near}, worse than before by 5 % {worse}")
 
 
 def median(numbers: Sequence[float]) -> str:
