@@ -105,11 +105,13 @@ class Lqg:
         u = u_r - k_dtheta (dtheta - w) - k_psi (psi - r) - k_dpsi dpsi
         u_r = torque_per_sin sin r + torque_per_speed w,   w' = hold_rate (speed_per_sin sin r - w)
 
-    and the step is tracked without the regulator working against itself. At `hoop_speed_limit` w stops and r falls
-    back to the angle which that speed sustains: a larger angle can only be held for a while.
+    and the step is tracked without the regulator working against itself. From one reference to another w goes on from
+    where it is, through zero too: a hoop that is turned round faster takes the ball along, far beyond the reference.
+    At the bottom (r = 0) the hoop is braked. At `hoop_speed_limit` w stops and r falls back to the angle which that
+    speed sustains: a larger angle can only be held for a while.
 
     A wanted hoop speed s is the same the other way round: r is twice the angle that sustains it, so that w is there
-    after ln 2 / hold_rate, and w stops at s.
+    after ln 2 / hold_rate from rest, and w stops at s.
     """
 
     def __init__(self, gains: LqgGains) -> None:
@@ -182,10 +184,8 @@ class Lqg:
             self._speed = 0.0
             return reference, 0.0
         end = g.speed_per_sin * sin(reference)
-        if end * self._speed < 0.0 or abs(self._speed) > abs(end):
-            self._speed = end if end * self._speed > 0.0 else 0.0  # slowing down is the regulator's own work
         self._speed += (end - self._speed) * (1.0 - exp(-g.hold_rate * dt))
-        if abs(self._speed) < limit:
+        if self._speed * end <= 0.0 or abs(self._speed) < limit:
             return reference, self._speed
         self._speed = copysign(limit, self._speed)
         return reference * self._speed / end, self._speed

@@ -134,8 +134,6 @@ class Yardstick:
             self._speed = 0.0
             return
         end = self._held.per_sin * sin(sample.reference)
-        if end * self._speed < 0.0:
-            self._speed = 0.0
         self._speed += (end - self._speed) * (1.0 - exp(-self._held.rate * max(0.0, passed)))
 
     def _reference_at(self, t: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -52,8 +53,25 @@ def test_an_angle_beyond_the_hoop_speed_limit_is_held_for_a_while_only() -> None
         angles.append(log["reference_rad"])
     assert angles[0] == -0.3
     assert angles[-1] == pytest.approx(-30 / 231, rel=0.03)
-    turned = law.update(measurement(reference=0.05))[1]
-    assert 0.0 < turned["reference_speed_rad_s"] < 1.0
+
+
+def test_from_one_reference_to_another_the_speed_goes_on_through_zero() -> None:
+    law = Lqg(GAINS)
+    for _ in range(600):
+        before = law.update(measurement(reference=-0.1))[1]["reference_speed_rad_s"]
+    speeds = [law.update(measurement(reference=0.05))[1] for _ in range(600)]
+    assert all(one["reference_rad"] == 0.05 for one in speeds)
+    courses = [before, *(one["reference_speed_rad_s"] for one in speeds)]
+    assert before < -20.0 and courses == sorted(courses)
+    assert max(now - last for last, now in pairwise(courses)) < 1.0
+    assert courses[-1] == pytest.approx(231 * math.sin(0.05), rel=1e-3)
+
+
+def test_a_hoop_that_turns_the_other_way_at_its_limit_does_not_turn_the_reference_round() -> None:
+    law = Lqg(GAINS)
+    for _ in range(600):
+        law.update(measurement(reference=-0.3))
+    assert law.update(measurement(reference=0.3))[1]["reference_rad"] == 0.3
 
 
 def test_lqg_is_tuned_by_name() -> None:

@@ -96,6 +96,16 @@ def test_a_reference_is_tracked_with_the_hoop_speed_it_demands() -> None:
     assert np.abs(result.psi[after]).max() < 0.02 and np.abs(result.dtheta[after]).max() < 1.0
 
 
+def test_a_reference_that_changes_sides_takes_the_ball_along_and_not_far_beyond() -> None:
+    result = run("lqg", HOOP, Scenario(duration_s=12.0, reference=lambda t: -0.06 if t < 6.0 else 0.06))
+    assert result.dtheta[(result.t > 5.0) & (result.t < 6.0)].mean() == pytest.approx(-14.0, abs=1.0)
+    after = result.t > 6.0
+    assert result.psi[after].max() < 0.06 + 0.5 * 0.12  # the hoop turned round at once: 0.25 rad
+    np.testing.assert_allclose(result.psi[result.t > 6.7], 0.06, atol=0.01)
+    assert result.dtheta[-50:].mean() == pytest.approx(14.0, abs=1.0)
+    assert np.abs(result.u[after]).max() < 0.08
+
+
 def test_a_reference_beyond_the_hoop_speed_limit_falls_back() -> None:
     result = run("lqg", HOOP, Scenario(duration_s=12.0, reference=lambda _t: 0.3))
     assert result.psi[(result.t > 0.2) & (result.t < 0.7)].mean() == pytest.approx(
