@@ -39,7 +39,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 from concealed.proportions import shown  # noqa: E402
 from harness.healed_rig import HealedRun, controllers_of, heal_run  # noqa: E402
 from harness.kept_rows import KeptRows  # noqa: E402
-from harness.loop_cost import cost_of, cost_of_run  # noqa: E402
+from harness.loop_cost import figures_of, figures_of_run  # noqa: E402
 from harness.rigrun import run_rig  # noqa: E402
 
 from hoopd.commands.heal_work import HealWorker  # noqa: E402
@@ -149,7 +149,8 @@ def cost_of_healed(run: HealedRun, duration_s: float) -> float:
     recording, state = read(run.recording), truth.read(run.folder / "truth.csv")
     rows = min(len(recording), int(np.searchsorted(state.t, duration_s - 1e-6)))  # after it the hoop is braked
     ball, dtheta = state.psi[:rows], state.dtheta[:rows]
-    return cost_of(recording.t[:rows], dtheta, ball, recording.u[:rows], recording.extra["reference"][:rows])
+    wanted = recording.extra["reference"][:rows]
+    return figures_of(recording.t[:rows], dtheta, ball, recording.u[:rows], wanted).ball_rms_rad
 
 
 def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool, grammar: bool) -> dict[str, Any]:
@@ -178,8 +179,8 @@ def changed(name: str, number: int, seed: int, folder: Path, *, wall: bool, gram
     accepted = [one for one in healed.versions if one.accepted is not None and one.kind != FOUND]
     costs = {
         "healed": cost_of_healed(healed, kind.duration_s),
-        "before": cost_of_run(before),
-        "best": cost_of_run(best),
+        "before": figures_of_run(before).ball_rms_rad,
+        "best": figures_of_run(best).ball_rms_rad,
     }
     return {
         "change": name,

@@ -157,7 +157,7 @@ def show(arm: str, rows: Sequence[dict[str, Any]], most: int) -> None:
     if costs:
         near = shown(one["learned"] <= NEAR * one["truth"] for one in costs)
         worse = shown(one["learned"] > WORSE * one["before"] for one in costs)
-        console.print(f"ball's error within 10 % of the law on the truth {near}, worse than before by 5 % {worse}")
+        console.print(f"cost within 10 % of the law on the truth {near}, worse than before by 5 % {worse}")
 
 
 def median(numbers: Sequence[float]) -> str:

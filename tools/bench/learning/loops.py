@@ -1,7 +1,8 @@
 """The loop after a campaign: the law on what was learned beside the one on the truth and the one of before.
 
 Each holds the ball on the rig that has what was hidden, with the same references and seeds; the rig's plant is not the
-generator's, but the numbers are. Costs are of true states.
+generator's, but the numbers are. Costs are the design's own, of true states, against the hoop's speed by which the law
+on the truth holds a reference.
 
 Rules of this file: a truth that only a library has words for; laws are `hoopd design lqg` on a model file.
 """
@@ -15,7 +16,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from harness.loop_cost import JUDGED_S, cost_of_run
+from harness.loop_cost import JUDGED_S, USUAL, figures_of_run
 from harness.rigrun import run_rig
 
 from hoopd.commands.step_commands import run_step
@@ -26,18 +27,18 @@ from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.model_file import effects_plant, load_model
 
 SEEDS, STEP_S, MOST_RAD, BEFORE_S = 3, 3.0, 0.1, 5.0
-USUAL = defaults_folder() / "controllers" / "lqg.yaml"
 
 
 def loop_costs(answer: Mapping[str, Any], model: Path | None, folder: Path) -> dict[str, float]:
-    """The ball's error in rad rms with each law; `model`: what was learned, None where the law of before stays."""
+    """Cost of a tick with each law; `model`: what was learned, None where the law of before stays."""
     folder.mkdir()
     true = folder / "truth.yaml"
     true.write_text(truth_text(answer))
     laws = {"before": USUAL, "truth": law_on(true, folder / "on_truth.yaml")}
     laws["learned"] = USUAL if model is None else law_on(model, folder / "on_learned.yaml")
     return {
-        name: fmean(_cost(law, true, folder / f"{name}_{k}", k) for k in range(SEEDS)) for name, law in laws.items()
+        name: fmean(_cost(law, true, folder / f"{name}_{k}", k, laws["truth"]) for k in range(SEEDS))
+        for name, law in laws.items()
     }
 
 
@@ -68,9 +69,10 @@ def law_on(model: Path, path: Path) -> Path:
     return path
 
 
-def _cost(law: Path, plant: Path, folder: Path, seed: int) -> float:
+def _cost(law: Path, plant: Path, folder: Path, seed: int, held_by: Path) -> float:
     rng = np.random.default_rng([seed, 1])
     times = np.arange(BEFORE_S, BEFORE_S + JUDGED_S, STEP_S)
     told = ", ".join(f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in times)
     sets = (f"sim.model={plant}", f"control.file={law}", f"sim.commands=[{told}]", "sim.psi_rad=0")
-    return cost_of_run(run_rig(folder, *sets, duration_s=BEFORE_S + JUDGED_S, seed=seed))
+    run = run_rig(folder, *sets, duration_s=BEFORE_S + JUDGED_S, seed=seed)
+    return figures_of_run(run, held_by).cost
