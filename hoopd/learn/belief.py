@@ -41,7 +41,8 @@ class Belief:
     `laws`: findings, the strongest first; `probability`: of the least sure of them among the laws that are known, or of
     nothing being missing; `unknown`: of a law that nobody knows; `open`: why it is not settled, in sentences; `shares`:
     probabilities by name as the diagnosis tells them, the largest first; `unproven`: laws that no fresh
-    data confirm; `alike`: laws that count with those that were found, and make the same controller.
+    data confirm; `alike`: laws that count with those that were found, and make the same controller; `unsure`: laws that
+    have not the probability that is asked for.
     """
 
     laws: tuple[str, ...]
@@ -51,6 +52,12 @@ class Belief:
     shares: tuple[tuple[str, float], ...]
     unproven: tuple[str, ...] = ()
     alike: tuple[str, ...] = ()
+    unsure: tuple[str, ...] = ()
+
+    @property
+    def lacks_probability_alone(self) -> bool:
+        """Whether all that is open is which of several laws it is that acts."""
+        return bool(self.unsure) and len(self.open) == len(self.unsure)
 
     @property
     def lacks_proof_alone(self) -> bool:
@@ -90,8 +97,14 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int, before: Seque
     found = tuple(one.name for one in diagnosis.effects)
     unproven = tuple(one.name for one in diagnosis.effects if _lacks_proof(one, diagnosis, before))
     alike = tuple(name for one in diagnosis.effects for name in _alike(one))
-    sentences = _open(diagnosis, shares, unknown, confidence, unproven)
-    return Belief(found, sure, unknown, sentences, _shown(shares), unproven, alike)
+    doubts = {
+        one.name: _unsure(one.name, _among_known(_probability(one, diagnosis, shares), unknown), confidence)
+        for one in diagnosis.effects
+        if not one.is_unknown
+    }
+    sentences = _open(diagnosis, doubts, unproven)
+    unsure = tuple(name for name, said in doubts.items() if said)
+    return Belief(found, sure, unknown, sentences, _shown(shares), unproven, alike, unsure)
 
 
 def _lacks_proof(finding: EffectFinding, diagnosis: Diagnosis, before: Sequence[Diagnosis]) -> bool:
@@ -155,15 +168,13 @@ def _unsure(what: str, sure: float, confidence: float) -> tuple[str, ...]:
     return () if sure >= confidence else (f"{what} is {sure:.0%} sure, {confidence:.0%} are asked for",)
 
 
-def _open(
-    diagnosis: Diagnosis, shares: Mapping[str, float], unknown: float, confidence: float, unproven: Sequence[str]
-) -> tuple[str, ...]:
+def _open(diagnosis: Diagnosis, doubts: Mapping[str, Sequence[str]], unproven: Sequence[str]) -> tuple[str, ...]:
     sentences: list[str] = []
     for one in diagnosis.effects:
         if one.is_unknown:
             sentences.append(f"{one.name} has no law yet")
             continue
-        sentences += _unsure(one.name, _among_known(_probability(one, diagnosis, shares), unknown), confidence)
+        sentences += doubts[one.name]
         if one.name in unproven:
             sentences.append(f"{one.name} is {str(one.status).replace('_', ' ')}")
     if diagnosis.unexplained is not None and diagnosis.unexplained.fires:

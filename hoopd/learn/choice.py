@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS
-from hoopd.learn.belief import Belief
+from hoopd.learn.belief import QUIET_KINDS, Belief
 
 # Signals that move the ball and the hoop in different ways: fast and slow, small and large, driven and left alone.
 MENU = (
@@ -27,6 +27,8 @@ MENU = (
 MOST_PROOFS = 2
 # What is foreseen to tell rivals apart, or to show a candidate, is played so often at most.
 MOST_PROPOSALS = 2
+# Rivals that the best of all signals is foreseen to tell apart by less than this stay rivals.
+LEAST_TOLD_NATS = 0.5
 # Options of a proposal that say where to play it: the campaign knows.
 _PLACES = frozenset({"--sim"})
 _SETTINGS = frozenset({"--seed", "--set", "--config"})
@@ -73,9 +75,10 @@ def next_choice(
         return proposed
     if (proof := _proof(belief, played, shown_by)) is not None:
         return proof
-    other = next((words for words in MENU if words not in played), None)
-    if other is not None:
-        return ChosenRun(other, f"{_because(belief)}; this signal has not been played yet")
+    if belief.lacks_probability_alone and len({*played}) >= QUIET_KINDS and not _tells(proposed):
+        return None
+    if (other := _of_the_menu(belief, played)) is not None:
+        return other
     if proposed is None or (proposed.expected_nats or 0.0) <= 0.0:
         return None
     return proposed if _times(proposed.words, played) < MOST_PROPOSALS else None
@@ -92,8 +95,20 @@ def _proof(
     return ChosenRun(words, reason)
 
 
+def _of_the_menu(belief: Belief, played: Sequence[tuple[str, ...]]) -> ChosenRun | None:
+    """What has not been played yet; what a run tells grows with its torque squared, and the first one's is small."""
+    if not belief.laws and tuple(played) == (MENU[0],):
+        return ChosenRun(MENU[0], "the first run was careful: the same, as strong as the model that it gave allows")
+    words = next((words for words in MENU if words not in played), None)
+    return None if words is None else ChosenRun(words, f"{_because(belief)}; this signal has not been played yet")
+
+
 def _because(belief: Belief) -> str:
     return belief.open[0] if belief.open else "to see it once more"
+
+
+def _tells(choice: ChosenRun | None) -> bool:
+    return choice is not None and (choice.expected_nats or 0.0) >= LEAST_TOLD_NATS
 
 
 def _promises(choice: ChosenRun) -> bool:

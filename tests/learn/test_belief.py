@@ -127,7 +127,7 @@ def test_a_proposal_that_did_not_bring_what_it_promised_twice_makes_place_for_th
 
 
 def test_a_proposal_that_brings_nothing_leaves_it_to_the_menu_and_then_it_ends() -> None:
-    diagnosis = said(0.6, next_experiment=proposal(0.5))
+    diagnosis = said(0.6, "weak", next_experiment=proposal(0.5))
     belief = belief_of(diagnosis, 0.95, 1)
     played = [first().words]
     for _ in MENU[1:]:
@@ -138,6 +138,28 @@ def test_a_proposal_that_brings_nothing_leaves_it_to_the_menu_and_then_it_ends()
     last = next_choice(diagnosis, belief, played)
     assert last is not None and last.words == words
     assert next_choice(diagnosis, belief, [*played, words, words]) is None
+
+
+def test_laws_that_no_signal_tells_apart_end_it_once_three_kinds_have_shown_nothing_else() -> None:
+    diagnosis = said(0.6, next_experiment=proposal(0.03))
+    belief = belief_of(diagnosis, 0.95, 3)
+    assert belief.lacks_probability_alone and belief.unsure == ("hoop.coulomb_friction",)
+    assert next_choice(diagnosis, belief, MENU[:2]) is not None
+    assert next_choice(diagnosis, belief, (MENU[0], *MENU[:2])) is not None
+    assert next_choice(diagnosis, belief, MENU[:3]) is None
+    # what remains, or a proof that is lacking, is another question
+    refuted = said(0.6, "weak", next_experiment=proposal(0.03))
+    assert next_choice(refuted, belief_of(refuted, 0.95, 3), MENU[:3]) is not None
+    rest = said(0.6, next_experiment=proposal(0.03), unexplained=Unexplained(fires=True, slot="ball", curve=None))
+    assert next_choice(rest, belief_of(rest, 0.95, 3), MENU[:3]) is not None
+
+
+def test_where_the_careful_first_run_shows_nothing_it_is_made_again_with_more_torque() -> None:
+    quiet = said()
+    again = next_choice(quiet, belief_of(quiet, 0.95, 1), [first().words])
+    assert again is not None and again.words == first().words and "careful" in again.reason
+    third = next_choice(quiet, belief_of(quiet, 0.95, 1), [first().words, first().words])
+    assert third is not None and third.words == MENU[1]
 
 
 def test_a_law_that_lacks_proof_alone_is_shown_again_by_what_has_shown_it() -> None:
