@@ -379,6 +379,34 @@ def test_a_law_far_beyond_the_constants_that_were_tried_is_another_one(value: fl
     assert mechanism_search._is_itself(screen, one) is is_itself
 
 
+def test_a_beat_is_fitted_from_several_frequencies_and_the_best_fit_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of 1.6 s; what other laws are does not depend on a frequency that they do not have."""
+
+    def aged(t: float, x: float, v: float) -> float:
+        return x - 0.004 * ((t / 1.6) % 1.0) * v
+
+    train = [recorded("day1", 1, nothing, read=aged)]
+    about = fit(train, (), SLIDE.values)
+    every = mechanisms(SLIDE)
+    beat, other = every["ruler.beat_of_t_on_dx_in_x"], every["slide.above_of_x"]
+    screen = MechanismScreen(about, [beat, other], level=False)
+    proposed = {one.effect.name: one for one in screen.proposals}
+    assert screen.other_starts(proposed[other.name]) == []
+    starts = [proposed[beat.name], *screen.other_starts(proposed[beat.name])]
+    frequencies = [one.constants["n"] for one in starts]
+    step = 2.0 * np.pi * 0.5 / np.ptp(train[0].t)
+    assert len(starts) == 3 and min(abs(np.diff(sorted(frequencies)))) > 1.5 * step
+    assert [one.gain for one in starts] == sorted((one.gain for one in starts), reverse=True)
+
+    def told(judge: Judge, before: HypothesisFit, scores: Sequence[Score]) -> list[Any]:
+        return [SimpleNamespace(gain=gain, score=score) for gain, score in zip((3.0, 9.0, 5.0), scores, strict=True)]
+
+    monkeypatch.setattr(mechanism_search, "tried_all", told)
+    judge: Any = None
+    (best,) = mechanism_search._best_fits(judge, screen, [mechanism_search._score(starts[0], about)])
+    assert best.score.start[beat.effect.key("n")] == frequencies[1]
+
+
 @pytest.mark.parametrize(("level", "found"), [(14.0, True), (16.0, False)])
 def test_a_mechanism_has_to_be_beyond_what_the_best_of_all_reaches_by_chance(
     level: float, found: bool, monkeypatch: pytest.MonkeyPatch
@@ -389,7 +417,7 @@ def test_a_mechanism_has_to_be_beyond_what_the_best_of_all_reaches_by_chance(
     monkeypatch.setattr(mechanism_search, "_scores", lambda *_: [object()])
     monkeypatch.setattr(mechanism_search, "_worth", lambda score: 30.0)
     monkeypatch.setattr(mechanism_search, "_fitted_worth", lambda *_: 10.0)
-    monkeypatch.setattr(mechanism_search, "tried_all", lambda *_: [one])
+    monkeypatch.setattr(mechanism_search, "_best_fits", lambda *_: [one])
     judge: Any = SimpleNamespace(settings=Settings(), fold_loss=lambda *_: None)
     named: Any = SimpleNamespace(final=None, grammar=None, rivals={}, refusals={}, trials=[])
     assert (mechanism_search._next(named, judge, []) is one) is found

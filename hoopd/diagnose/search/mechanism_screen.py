@@ -9,7 +9,7 @@ Rules of this file: it proposes, a fit decides; laws come from the grammar.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import groupby
@@ -39,6 +39,8 @@ DRAWS, DRAW_SEED = 64, 17
 OWN_SHARE = 0.01
 # The residual's colour is asked for the best so many only.
 COLOURED = 40
+# Frequencies from which a wave over the time is fitted.
+MOST_STARTS = 3
 
 
 @dataclass(frozen=True)
@@ -213,16 +215,37 @@ class MechanismScreen:
                 order.setdefault(name, int(i))
         # of choices that explain as much as the best one, it does not matter which it is
         counts = {name: len(gains) / sum(exp(one - gains[0]) for one in gains) for name, gains in alike.items()}
-        found = []
-        for place, indices in self._together([*order.values()][:COLOURED]):
+        found = self._proposed([*order.values()][:COLOURED], counts)
+        by_gain = [found[i] for i in sorted(found, key=lambda i: (-self._gains[i], i))]
+        return sorted(by_gain, key=lambda one: -one.worth)
+
+    def other_starts(self, proposed: ProposedMechanism) -> list[ProposedMechanism]:
+        """Of a wave over the time, its next best frequencies that are not beside a better one: from a wrong one no fit
+        comes to the right one, and the best to first order need not be it."""
+        mechanism = proposed.mechanism
+        if mechanism.shape is None or not mechanism.shape.phased or mechanism.axis.kind != TIME:
+            return []
+        mine = [i for i, one in enumerate(self._choices) if one.mechanism.name == mechanism.name]
+        taken: list[int] = []
+        for k in sorted(range(len(mine)), key=lambda k: -self._gains[mine[k]]):
+            if all(abs(k - other) > 1 for other in taken):
+                taken.append(k)
+            if len(taken) == MOST_STARTS:
+                break
+        found = self._proposed([mine[k] for k in taken[1:]], {mechanism.name: proposed.looked_at})
+        return [*found.values()]
+
+    def _proposed(self, wanted: Sequence[int], counts: Mapping[str, float]) -> dict[int, ProposedMechanism]:
+        """Choices by their index; `counts`: choices of a mechanism that differ."""
+        found = {}
+        for place, indices in self._together(wanted):
             some = [self._choices[i] for i in indices]
             raw = np.zeros((len(self.residual), len(some), some[0].columns))
             for mine, columns, rows in self._whitened(place, some):
                 raw.reshape(len(raw), -1)[mine, columns] = rows.T
             for k, i in enumerate(indices):
-                found.append((i, self._proposal(i, raw[:, k], counts[self._choices[i].mechanism.name])))
-        by_gain = [one for _, one in sorted(found, key=lambda both: (-self._gains[both[0]], both[0]))]
-        return sorted(by_gain, key=lambda one: -one.worth)
+                found[i] = self._proposal(i, raw[:, k], counts[self._choices[i].mechanism.name])
+        return found
 
     def _proposal(self, index: int, raw: Array, looked_at: float) -> ProposedMechanism:
         choice = self._choices[index]

@@ -112,7 +112,7 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     own, own_worth = _in_its_own_place(without, one, mechanisms, loss, judge)
     scores = [score for score in _scores(screen, without) if score.member.effect.name in wanted]
     near = [score for score in scores if _is_near(score, own, wanted[score.member.effect.name])]
-    tried = _tried_beside(judge, without, near[:MOST_SWAPS], [] if earlier is None else earlier.tried)
+    tried = _tried_beside(judge, screen, near[:MOST_SWAPS], [] if earlier is None else earlier.tried)
     others = [other for other in tried if _is_itself(screen, other)]
     found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in others)
     for other in sorted(tried, key=lambda other: -_fitted_worth(screen, other)):
@@ -127,12 +127,25 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     return None
 
 
-def _tried_beside(judge: Judge, without: HypothesisFit, scores: Sequence[Score], known: Sequence[Tried]) -> list[Tried]:
+def _tried_beside(
+    judge: Judge, screen: MechanismScreen, scores: Sequence[Score], known: Sequence[Tried]
+) -> list[Tried]:
     """Fits of what was proposed, in its order; what is `known` was fitted there before."""
     found = {one.effect.name: one for one in known}
     new = [score for score in scores if score.member.effect.name not in found]
-    found |= {one.effect.name: one for one in tried_all(judge, without, new)}
+    found |= {one.effect.name: one for one in _best_fits(judge, screen, new)}
     return [found[score.member.effect.name] for score in scores]
+
+
+def _best_fits(judge: Judge, screen: MechanismScreen, scores: Sequence[Score]) -> list[Tried]:
+    """Every proposal fitted beside what was screened, from all of its starts; of each the best."""
+    about, proposed = screen.fit, {one.effect.name: one for one in screen.proposals}
+    starts = [
+        [score, *(_score(one, about) for one in screen.other_starts(proposed[score.member.effect.name]))]
+        for score in scores
+    ]
+    fitted = iter(tried_all(judge, about, [one for some in starts for one in some]))
+    return [max((next(fitted) for _ in some), key=lambda one: one.gain) for some in starts]
 
 
 def _in_its_own_place(
@@ -190,7 +203,7 @@ def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried 
         return None
     best = _worth(proposals[0])
     near = [one for one in proposals if _worth(one) >= NEAR_SHARE * best]
-    tried = tried_all(judge, found.final, near[:MOST_REFITS])
+    tried = _best_fits(judge, screen, near[:MOST_REFITS])
     found.trials.append(MechanismTrial(screen, tried))
     tried.sort(key=lambda one: -_fitted_worth(screen, one))
     for one in tried:
