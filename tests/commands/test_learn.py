@@ -119,9 +119,13 @@ def test_what_a_person_has_to_do_is_told(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_it_says_that_nothing_is_missing_and_designs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    steps = played(monkeypatch, said(), said(), said())
+    steps = played(monkeypatch, said(), said(), said(), said())
+    steps.writes_models = True
     result = command.run(options(tmp_path))
-    assert steps.commands == ["experiment", "diagnose"] * 3
+    assert steps.commands == ["experiment", "diagnose"] * 4
+    first, again, *_ = (one for one in steps.words if one[0] == "experiment")
+    assert first[1] == again[1]  # the careful signal once more,
+    assert "--use" in first and "--model" in again  # as strong as what was learned allows
     assert result["settled"] and result["laws"] == [] and not result["kept"]
 
 
@@ -148,7 +152,7 @@ def test_what_was_broken_off_goes_on_and_loses_nothing(tmp_path: Path, monkeypat
 
 def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "campaign" / "run_01"
-    steps = played(monkeypatch, said(), said(), said())
+    steps = played(monkeypatch, said(), said(), said(), said())
     steps.fails = "experiment"
     with pytest.raises(command.StepError):
         command.run(options(tmp_path))
@@ -197,7 +201,7 @@ def test_what_ends_again_and_again_or_by_a_fault_ends_the_campaign(
 
 
 def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    played(monkeypatch, said(), said(), said())
+    played(monkeypatch, said(), said(), said(), said())
     command.run(options(tmp_path))
     with pytest.raises(InputError, match=r"learn.json: confidence: was begun with 0.95, not 0.8"):
         command.run(options(tmp_path, confidence=0.8))

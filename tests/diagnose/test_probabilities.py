@@ -34,6 +34,7 @@ from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score, Screen
+from hoopd.plants.effects.grammar.mechanism import TEXTBOOK_COST_NATS
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -293,7 +294,7 @@ def test_a_textbook_s_law_is_another_one_however_near_it_is() -> None:
     assert laws[name].textbook and not load.alike
     plain = EffectTakenOut(found, found.accepted[0], EFFECTS, [replace(laws[name], textbook=False)])
     (dear,) = [one for one in plain.options(12.0) if one.name == name]
-    assert dear.worth == pytest.approx(load.worth, abs=1e-6)
+    assert dear.worth - load.worth == pytest.approx(TEXTBOOK_COST_NATS, abs=1e-6)  # and the rarer one
 
 
 def test_what_was_refitted_counts_as_many_choices_as_it_was_found_among() -> None:

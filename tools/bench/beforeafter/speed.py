@@ -18,7 +18,7 @@ from beforeafter import ratios, trees
 RECORDING = "before.mcap"
 PROBE = Path(__file__).with_name("tickprobe.py")
 KEPT = trees.ROOT / "tests" / "data" / "before_the_move"
-REPLAYED = ("01-lqg.mcap", "07-late-pictures.mcap")
+REPLAYED = ("02-pid-thesis.mcap", "07-late-pictures.mcap")
 QUIET = ("--set", "telemetry.enabled=false", "--set", "commands.enabled=false", "--set", "log.level=error")
 RIG = ("--sim", "--speed", "max", "--camera", "direct", *QUIET)
 Say = Callable[[str], None]
@@ -58,7 +58,7 @@ def lockstep(tree: Path, work: Path) -> Taken:
 
 
 def tick(tree: Path, work: Path) -> Taken:
-    """Median of `Tick.step` over recorded inputs, without and with effects in the model."""
+    """Median of `Tick.step` over recorded inputs that both replay to the same bits."""
     out = work / "tick.json"
     trees.python(tree, [str(PROBE), str(out), *(str(KEPT / name) for name in REPLAYED)], work)
     found = json.loads(out.read_text())
