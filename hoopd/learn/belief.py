@@ -10,6 +10,9 @@ recordings that were made after it was named have raised its evidence by what it
 A drive's lag and its delay are told apart by how a torque begins, which few recordings show, and filter and law take
 either for so much delay: where they are less than a nat apart they count together.
 
+A name is not enough for a controller. A signal of two levels shows that a drive saturates, or has a dead zone, and not
+how much: a smaller gain gives the same two levels. A law is open as long as all its numbers may be zero.
+
 Rules of this file: diagnosis in, words and numbers out.
 """
 
@@ -175,6 +178,8 @@ def _open(diagnosis: Diagnosis, doubts: Mapping[str, Sequence[str]], unproven: S
             sentences.append(f"{one.name} has no law yet")
             continue
         sentences += doubts[one.name]
+        if (loosest := _may_be_zero(one)) is not None:
+            sentences.append(f"{one.name} is there and nobody knows how much: {loosest}")
         if one.name in unproven:
             sentences.append(f"{one.name} is {str(one.status).replace('_', ' ')}")
     if diagnosis.unexplained is not None and diagnosis.unexplained.fires:
@@ -182,6 +187,17 @@ def _open(diagnosis: Diagnosis, doubts: Mapping[str, Sequence[str]], unproven: S
     if diagnosis.remains is not None:
         sentences.append(f"what remains at {diagnosis.remains.slot} follows {diagnosis.remains.follows}")
     return tuple(sentences)
+
+
+def _may_be_zero(finding: EffectFinding) -> str | None:
+    """The number of a law none of whose numbers is told from zero, with its interval; None where one is."""
+    told = {name: one for name, one in finding.parameters.items() if one.ci95 is not None}
+    ends = [one.ci95 for one in told.values() if one.ci95 is not None]
+    if not ends or any(low is None or high is None or low * high > 0.0 for low, high in ends):
+        return None
+    name, one = next(iter(told.items()))
+    (low, high), *_ = ends
+    return f"{name} = {one.value:.3g} {one.unit} (95 %: {low:.3g} to {high:.3g})"
 
 
 def _shown(shares: dict[str, float]) -> tuple[tuple[str, float], ...]:

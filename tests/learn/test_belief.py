@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from harness.told_diagnosis import proposal, said
 
-from hoopd.diagnose.record import Alternative, Candidate, Diagnosis, Remains, Unexplained
+from hoopd.diagnose.record import Alternative, Candidate, Diagnosis, Quantity, Remains, Unexplained
 from hoopd.learn.belief import belief_of
 from hoopd.learn.choice import MENU, first, next_choice
 
@@ -54,6 +54,26 @@ def test_a_curve_without_a_law_is_never_settled() -> None:
     unknown = msgspec.structs.replace(diagnosis.effects[0], name="unknown.hoop")
     diagnosis = msgspec.structs.replace(diagnosis, effects=[unknown], verdict="unknown_physics")
     assert belief_of(diagnosis, 0.95, kinds=3).open == ("unknown.hoop has no law yet",)
+
+
+@pytest.mark.parametrize(
+    ("intervals", "settled"),
+    [
+        ({"s": (-0.053, 0.077)}, False),
+        ({"s": (0.010, 0.014)}, True),
+        ({"x": (-0.1, 0.3), "y": (0.2, 0.4)}, True),  # a place has two numbers, and one may well be zero
+        ({"x": (-0.1, 0.3), "y": (-0.2, 0.4)}, False),
+        ({"s": None}, True),
+    ],
+)
+def test_a_law_whose_size_nobody_knows_is_open(intervals: dict[str, tuple[float, float] | None], settled: bool) -> None:
+    told = said(0.92)
+    parameters = {name: Quantity(value=0.012, unit="N m", ci95=ends, nominal=None) for name, ends in intervals.items()}
+    drive = msgspec.structs.replace(told.effects[0], name="actuator.saturation", parameters=parameters)
+    belief = belief_of(msgspec.structs.replace(told, effects=[drive]), 0.95, kinds=1)
+    assert belief.settled == settled
+    assert settled or belief.open[0].startswith("actuator.saturation is there and nobody knows how much: ")
+    assert not belief.lacks_proof_alone and not belief.lacks_probability_alone
 
 
 def late(behind_nats: float, other: str = "actuator.lag") -> Diagnosis:

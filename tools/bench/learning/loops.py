@@ -4,12 +4,15 @@ Each holds the ball on the rig that has what was hidden, with the same reference
 generator's, but the numbers are. Costs are the design's own, of true states, against the hoop's speed by which the law
 on the truth holds a reference.
 
+A loop that the daemon cuts costs infinitely much: what its torque was until then is no price of holding a ball.
+
 Rules of this file: a truth that only a library has words for; laws are `hoopd design lqg` on a model file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -27,6 +30,7 @@ from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.model_file import effects_plant, load_model
 
 SEEDS, STEP_S, MOST_RAD, BEFORE_S = 3, 3.0, 0.1, 5.0
+LAST_TICKS = 50  # exactly no torque for so long: the drive is off
 
 
 def loop_costs(answer: Mapping[str, Any], model: Path | None, folder: Path) -> dict[str, float]:
@@ -75,4 +79,4 @@ def _cost(law: Path, plant: Path, folder: Path, seed: int, held_by: Path) -> flo
     told = ", ".join(f"{{at_s: {t:g}, name: reference, value: {rng.uniform(-MOST_RAD, MOST_RAD):.3f}}}" for t in times)
     sets = (f"sim.model={plant}", f"control.file={law}", f"sim.commands=[{told}]", "sim.psi_rad=0")
     run = run_rig(folder, *sets, duration_s=BEFORE_S + JUDGED_S, seed=seed)
-    return figures_of_run(run, held_by).cost
+    return figures_of_run(run, held_by).cost if np.any(run.u[-LAST_TICKS:]) else inf
