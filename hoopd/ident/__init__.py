@@ -307,6 +307,7 @@ if TYPE_CHECKING:
     from hoopd.ident.statespace.uncertainty import (
         response_covariance as response_covariance,
     )
+    from hoopd.ident.step_responses import step_response as step_response
     from hoopd.ident.structure_search import identify as identify
     from hoopd.ident.trends import (
         detrend as detrend,
@@ -334,6 +335,7 @@ _GIVEN = {
     "polynomial.lpv": "lpv_arx",
     "statespace.lpv": "lpv_pem",
     "confidence": "response_spread pole_spread zero_spread",
+    "step_responses": "step_response",
     "measures": "fit_percent rms mse sse nrmse",
     "information_criteria": "criteria aic aicc bic fpe parameters_of",
     "model_comparison": "compare table",
@@ -526,6 +528,7 @@ __all__ = [
     "state_filter",
     "state_space",
     "step",
+    "step_response",
     "steps",
     "structured_pem",
     "subspaceid",

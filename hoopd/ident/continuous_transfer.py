@@ -118,8 +118,10 @@ def srivc(data: Data, poles: int, zeros: int | None = None, *, delay: float | No
     """
     single([data])
     m = poles - 1 if zeros is None else zeros
-    if data.nu != 1 or poles < 1 or not 0 <= m < poles:
-        raise ValueError(f"one input, and fewer zeros than poles are wanted, not {data.nu}, {m} and {poles}")
+    if data.nu != 1:
+        raise ValueError(f"srivc takes data of one input, not of {data.nu}")
+    if poles < 1 or not 0 <= m < poles:
+        raise ValueError(f"poles={poles}, zeros={m}: one pole at least, and fewer zeros than poles")
     if delay is not None and not delay >= 0.0:
         raise ValueError(f"the delay is from 0 s on, not {delay}")
     start, late = _start(data, poles, m, delay)

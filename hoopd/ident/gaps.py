@@ -23,6 +23,9 @@ class Filled(NamedTuple):
     data: Data
     filled: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        return f"{self.data}, {int(self.filled.sum())} of its outputs made up"
+
 
 def fill_gaps(data: Data, method: Literal["linear", "pchip"] = "linear", longest_s: float = np.inf) -> Filled:
     """Interpolate missing outputs in time.

@@ -46,7 +46,7 @@ class ModelComparison(list[Compared]):
 def compare(
     models: Any,
     validation: Data | Sequence[Data],
-    horizons: Sequence[float] = (1, 10, np.inf),
+    horizons: float | Sequence[float] = (1, 10, np.inf),
     x0: Start = "estimate",
     *,
     estimation: Data | Sequence[Data] | None = None,
@@ -59,7 +59,7 @@ def compare(
         Results of this package, python-control systems or FRDs; without names they are called as their estimators.
     validation : Data or sequence of Data
         Data that nothing was fitted to.
-    horizons : sequence of int or inf
+    horizons : int or inf, or sequence of them
         Samples ahead; infinity is simulation.
     x0 : {"estimate", "zero"} or array_like, shape (nx,)
         The initial state.
@@ -87,10 +87,10 @@ def compare(
     held = experiments(validation)
     fitted = [] if estimation is None else experiments(estimation)
     y = np.concatenate([one.y for one in held])
-    found = ModelComparison()
+    found, ahead = ModelComparison(), [*np.atleast_1d(horizons)]
     for name, model in named_models(models).items():
         with np.errstate(over="ignore", invalid="ignore"):
-            said = {h: np.concatenate([predict(model, one, h, x0) for one in held]) for h in horizons}
+            said = {h: np.concatenate([predict(model, one, h, x0) for one in held]) for h in ahead}
             percent = {h: fit_percent(y, one) for h, one in said.items()}
         found.append(Compared(name, percent, _criteria(model, fitted or _own_data(model), x0)))
     return found

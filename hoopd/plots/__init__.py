@@ -1,4 +1,4 @@
-"""Every figure, drawn without a screen: `from hoopd.plots import bode, compare_plot, plot, pzmap, resid`.
+"""Every figure, drawn without a screen: `from hoopd.plots import bode, compare_plot, plot, pzmap, resid, step`.
 
 The names of this package are pictures of models and data, one call each; they are looked up when they are used.
 """
@@ -14,11 +14,16 @@ if TYPE_CHECKING:
     from hoopd.plots.model_plots import plot as plot
     from hoopd.plots.model_plots import pzmap as pzmap
     from hoopd.plots.model_plots import resid as resid
+    from hoopd.plots.model_plots import step as step
 
-__all__ = ["bode", "compare_plot", "plot", "pzmap", "resid"]
+__all__ = ["bode", "compare_plot", "plot", "pzmap", "resid", "step"]
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.model_plots"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

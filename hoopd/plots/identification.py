@@ -20,6 +20,7 @@ from hoopd.ident.measures import fit_percent
 from hoopd.ident.normal import Z95
 from hoopd.ident.residualtests import ResidualReport, Test
 from hoopd.ident.spectral import Correlation
+from hoopd.ident.step_responses import StepResponse
 from hoopd.plots import style
 
 Array = NDArray[np.float64]
@@ -293,6 +294,27 @@ def draw_spectra(
             axes.fill_between(w[kept], low[kept], high[kept], color=colour, alpha=0.2, linewidth=0.0)
     style.labelled(axes, "frequency (rad/s)", "power (unit2 s)")
     style.legend(axes)
+    return made
+
+
+def draw_steps(
+    answers: Mapping[str, StepResponse], outputs: Sequence[str], inputs: Sequence[str], title: str = "Step response"
+) -> Figure:
+    """Responses by name to a step of each input, one picture for each output and input, with 95 % bands."""
+    rows, columns = len(outputs), len(inputs)
+    size = (WIDTH_IN, 1.0 + 2.4 * rows)
+    made = style.figure(*size, rows=rows, columns=columns, title=title, sharex=True, squeeze=False)
+    for k, axes in enumerate(made.axes):
+        i, j = divmod(k, columns)
+        for (name, one), colour in zip(answers.items(), _colours(len(answers)), strict=True):
+            axes.plot(one.t, one.y[:, i, j], color=colour, drawstyle="steps-post", label=name)
+            if one.deviation is not None:
+                half = SIGMAS * one.deviation[:, i, j]
+                low, high = one.y[:, i, j] - half, one.y[:, i, j] + half
+                axes.fill_between(one.t, low, high, step="post", color=colour, alpha=0.2, linewidth=0.0)
+        style.labelled(axes, "time (s)" if i == rows - 1 else "", f"{outputs[i]} per step of {inputs[j]}")
+    if len(answers) > 1:
+        style.legend(made.axes[0])
     return made
 
 

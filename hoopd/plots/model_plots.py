@@ -1,4 +1,4 @@
-"""Pictures of models and their data, one call each: data, comparison, residuals, Bode with bands, poles with ellipses.
+"""Pictures of models and their data, one call each: data, comparison, residuals, Bode and steps with bands, poles.
 
 Each takes models (results of `hoopd.ident`, systems of python-control, responses), one, several or by name, and gives
 matplotlib's figure: `bode([arx(data, 2, 2), oe(data, 2, 2)], data).savefig("bode.png")`.
@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident import frequency_response, predict, residuals, tfest
+from hoopd.ident import frequency_response, predict, residuals, step_response, tfest
 from hoopd.ident.confidence import pole_spread, response_spread, zero_spread, zeros_of
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.identified_model import FreeModel
@@ -30,6 +30,7 @@ from hoopd.plots.identification import (
     draw_response_matrix,
     draw_roots,
     draw_said,
+    draw_steps,
 )
 
 Array = NDArray[np.float64]
@@ -200,6 +201,48 @@ def bode(
         for i in range(ny)
     ]  # fmt: skip
     return draw_response_matrix(curves, title, outputs=outputs, inputs=inputs)
+
+
+def step(models: Models, seconds: float | None = None, *, title: str = "Step response") -> Figure:
+    """Draw the response of models to a step of each input with the 95 % bands of those that have a covariance.
+
+    Parameters
+    ----------
+    models : any model, sequence of models, or mapping of str to any model
+        Results of `hoopd.ident` or python-control systems.
+    seconds : float, optional
+        How long; until the slowest mode of the slowest model has fallen to a hundredth unless given.
+    title : str
+        Stands above.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, a picture for each output and input.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import arx, iddata
+    >>> from hoopd.plots import step
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 500))
+    >>> data = iddata(np.concatenate([[0.0], u[:-1]]) + 0.1 * e, u)
+    >>> step(arx(data, 1, 2), 5.0).axes[0].get_ylabel()
+    'y per step of u'
+    """
+    named = named_models(models)
+    for one in named.values():
+        if isinstance(one, FreeModel) or is_response(one):
+            raise TypeError(f"a {type(one).__name__} has no step response of its own")
+    first = next(iter(named.values()))
+    answers = {name: step_response(one, seconds) for name, one in named.items()}
+    sizes = {one.y.shape[1:] for one in answers.values()}
+    if len(sizes) > 1:
+        raise ValueError("the models have different numbers of outputs or inputs: draw them one by one")
+    if seconds is None and len(named) > 1:
+        longest = max(float(one.t[-1]) for one in answers.values())
+        answers = {name: step_response(one, longest) for name, one in named.items()}
+    return draw_steps(answers, *_channels(first, *sizes.pop()), title)
 
 
 def pzmap(models: Models, *, title: str = "Poles and zeros") -> Figure:

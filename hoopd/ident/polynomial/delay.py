@@ -61,6 +61,13 @@ class Delay:
         """The delay times the step: the dead time of a system sampled without direct term is one step less."""
         return self.samples * self.dt
 
+    def __str__(self) -> str:
+        count = f"{self.samples} sample{'' if self.samples == 1 else 's'}"
+        first, last = self.interval
+        return f"{count} ({self.seconds:g} s), {self.level:.0%}: {first} to {last}; models of order {self.order}"
+
+    __repr__ = __str__
+
 
 def delay(
     data: Data | Sequence[Data], *, channel: int | str = 0, longest: int | None = None, order: int | None = None,

@@ -9,23 +9,25 @@ Rules of this file: both ways are exact, so there and back is the same model.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from hoopd.ident.model_forms import innovation_form
 from hoopd.ident.models import Innovations
 
 Array = NDArray[np.float64]
 
 
-def c2d(model: Innovations, dt: float) -> Innovations:
+def c2d(model: Any, dt: float) -> Innovations:
     """Sample a continuous model with noise, inputs and innovations held over the step.
 
     Parameters
     ----------
-    model : Innovations
-        A continuous model (dt = 0); its q, r, s are densities.
+    model : any model
+        A continuous one (dt = 0), a python-control system too; its q, r, s are densities.
     dt : float
         Step in s.
 
@@ -52,24 +54,27 @@ def c2d(model: Innovations, dt: float) -> Innovations:
     >>> lag.a.round(4), lag.b.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
     (array([[0.8187]]), array([[0.0906]]))
     """
-    if model.dt != 0.0 or dt <= 0.0:
-        raise ValueError("sampled takes a continuous model (dt = 0) and a positive step")
-    hold = _hold(model.a, dt)
+    form = innovation_form(model)
+    if form.dt != 0.0:
+        raise ValueError(f"the model is sampled already, every {form.dt:g} s: d2d brings it to another step")
+    if not 0.0 < dt < np.inf:
+        raise ValueError(f"a step is a positive time in s, not {dt:g}")
+    hold = _hold(form.a, dt)
     return replace(
-        model, a=linalg.expm(model.a * dt), b=hold @ model.b, k=hold @ model.k, dt=dt,
-        q=None if model.q is None else sampled_noise(model.a, model.q, dt),
-        r=None if model.r is None else model.r / dt,
-        s=None if model.s is None else hold @ model.s / dt,
+        form, a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
+        q=None if form.q is None else sampled_noise(form.a, form.q, dt),
+        r=None if form.r is None else form.r / dt,
+        s=None if form.s is None else hold @ form.s / dt,
     )  # fmt: skip
 
 
-def d2c(model: Innovations) -> Innovations:
+def d2c(model: Any) -> Innovations:
     """Give the continuous model that a sampled one comes from.
 
     Parameters
     ----------
-    model : Innovations
-        A sampled model.
+    model : any model
+        A sampled one, a python-control system too.
 
     Returns
     -------
@@ -89,25 +94,26 @@ def d2c(model: Innovations) -> Innovations:
     >>> d2c(Innovations(np.exp(-0.2) * one, one, one, 0.0 * one, 0.0 * one, dt=0.1)).a.round(6)
     array([[-2.]])
     """
-    if model.dt <= 0.0:
+    form = innovation_form(model)
+    if form.dt <= 0.0:
         raise ValueError("the model is continuous already")
-    a = _logarithm(model.a) / model.dt
-    unhold = np.linalg.inv(_hold(a, model.dt))
+    a = _logarithm(form.a) / form.dt
+    unhold = np.linalg.inv(_hold(a, form.dt))
     return replace(
-        model, a=a, b=unhold @ model.b, k=unhold @ model.k, dt=0.0,
-        q=None if model.q is None else unsampled_noise(a, model.q, model.dt),
-        r=None if model.r is None else model.r * model.dt,
-        s=None if model.s is None else unhold @ model.s * model.dt,
+        form, a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
+        q=None if form.q is None else unsampled_noise(a, form.q, form.dt),
+        r=None if form.r is None else form.r * form.dt,
+        s=None if form.s is None else unhold @ form.s * form.dt,
     )  # fmt: skip
 
 
-def d2d(model: Innovations, dt: float) -> Innovations:
+def d2d(model: Any, dt: float) -> Innovations:
     """Bring a sampled model to another step, by way of continuous time.
 
     Parameters
     ----------
-    model : Innovations
-        A sampled model.
+    model : any model
+        A sampled one, a python-control system too.
     dt : float
         New step in s.
 
@@ -206,5 +212,7 @@ def _hold(a: Array, dt: float) -> Array:
 def _logarithm(a: Array) -> Array:
     poles = np.linalg.eigvals(a)
     if ((np.abs(poles.imag) < 1e-12 * np.abs(poles)) & (poles.real <= 0.0)).any() or np.abs(poles).min() < 1e-300:
-        raise ValueError("a pole at zero or on the negative real axis: no continuous model samples to this one")
+        raise ValueError(
+            "a pole at zero (a delay is one) or on the negative real axis: no continuous model samples to this one"
+        )
     return np.asarray(linalg.logm(a)).real

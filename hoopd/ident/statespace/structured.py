@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 Constructor = Callable[[Array], Any]
 
 ROUNDS = 3  # of weights of the outputs
+# A search out of steps has settled where a straight step promises less of the squares; so near is at a bound.
+SETTLED_SHARE, NEAR_BOUND = 1e-6, 1e-6
 
 
 @dataclass(frozen=True, repr=False)
@@ -253,9 +255,26 @@ def _minimised(task: Task, start: Array, bounds: tuple[Array, Array], iterations
         )  # fmt: skip
         z, evaluations = _put(z, free, found.x), evaluations + int(found.nfev)
         weight = weight_of(task, paths_of(task, z))
-    if found.status == 0:
+    if found.status == 0 and _promised(found, upper[free], lower[free]) > SETTLED_SHARE:
         unsettled(evaluations)
     return z, evaluations
+
+
+def _promised(found: optimize.OptimizeResult, upper: Array, lower: Array) -> float:
+    """By what share a straight step to the minimum would lower the squares, variables at their bounds left there.
+
+    Beside a bound the search's own steps grow short for ever, with nothing left to gain.
+    """
+    near = NEAR_BOUND * np.maximum(np.abs(found.x), 1.0)
+    inside = (found.x - lower > near) & (upper - found.x > near)
+    squares = float(found.fun @ found.fun)
+    if not inside.any() or squares == 0.0:
+        return 0.0
+    j = found.jac[:, inside]
+    scale = np.linalg.norm(j, axis=0)
+    step = np.linalg.lstsq(j[:, scale > 0.0] / scale[scale > 0.0], found.fun, rcond=1e-10)[0]
+    gone = j[:, scale > 0.0] @ (step / scale[scale > 0.0])
+    return float(gone @ gone) / squares
 
 
 def _put(z: Array, free: NDArray[np.bool_], v: Array) -> Array:
@@ -294,10 +313,13 @@ def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.b
     count = sum(one.y.size for one in task.pieces)
     sd = np.sqrt(np.maximum(variance_of(task, paths), 1e-300))
     whiten = np.diag(1.0 / sd)
-    j = slope(replace(task, regulariser=None), z, whiten)[:, free] * np.sqrt(count)
-    scale = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    j = slope(replace(task, regulariser=None), z, whiten) * np.sqrt(count)
+    # a starting state that reaches no output, as the far end of a line of delays, is not for the data to determine
+    reached = free & ((np.arange(len(free)) < task.count) | (np.linalg.norm(j, axis=0) > 0.0))
+    j = j[:, reached]
+    scale = np.maximum(np.linalg.norm(j, axis=0), np.sqrt(np.finfo(float).tiny))
     gram = (j / scale).T @ (j / scale)
-    check_determined(gram, [task.names[i] for i in np.flatnonzero(free[: task.count])])
+    check_determined(gram, [task.names[i] for i in np.flatnonzero(reached[: task.count])])
     inverse = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
     if task.simulation or task.horizon > 1:
         noise = autoregression_of([(whiten @ e).T for e in paths])
@@ -309,5 +331,5 @@ def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.b
             first += one.y.size
         inverse = inverse @ middle @ inverse
     whole = np.full((len(free), len(free)), np.nan)
-    whole[np.ix_(free, free)] = inverse
+    whole[np.ix_(reached, reached)] = inverse
     return whole[: task.count, : task.count]

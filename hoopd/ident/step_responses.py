@@ -1,0 +1,110 @@
+"""The response of a model to a step of each input, with the standard error that its coefficients leave.
+
+Rules of this file: a model without a covariance has a response and no deviation; nothing is estimated here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, log
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoopd.ident.confidence import coefficients_of
+from hoopd.ident.model_forms import innovation_form
+from hoopd.ident.models import Innovations
+
+Array = NDArray[np.float64]
+
+# Unless told otherwise: until the slowest mode has fallen to so much of it, within these numbers of samples.
+SETTLED, FEWEST, MOST = 0.01, 20, 1000
+# Samples of a continuous model over its slowest mode.
+FINE = 200
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """`t` (n,) in s, `y` (n, ny, nu) of a step of one of each input, and its standard error `deviation`, or None."""
+
+    t: Array
+    y: Array
+    deviation: Array | None = None
+
+
+def step_response(model: Any, seconds: float | None = None) -> StepResponse:
+    """Give the response to a step of one of each input, from rest, with its standard error.
+
+    By linearisation: the derivatives with respect to the estimated coefficients, times the coefficients' covariance.
+
+    Parameters
+    ----------
+    model : any model
+        A result of this package, or a python-control system; a continuous one is sampled with its input held.
+    seconds : float, optional
+        How long; until the slowest mode has fallen to a hundredth unless given.
+
+    Returns
+    -------
+    StepResponse
+        Times `t` (n,) in s, responses `y` (n, ny, nu), and their `deviation`, None of a model without a covariance.
+
+    Raises
+    ------
+    ValueError
+        A time that is none, a model without inputs.
+
+    Notes
+    -----
+    Source of the linearisation: Ljung, System Identification, 1999, 9.57.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import Polynomials, step_response
+    >>> gain = Polynomials(
+    ...     0.1, b=(np.array([0.0, 2.0]),), names=("b1",), values=np.array([2.0]), covariance=np.array([[0.01]])
+    ... )
+    >>> answer = step_response(gain, 0.2)
+    >>> answer.y.ravel(), answer.deviation.ravel().round(6)
+    (array([0., 2., 2.]), array([0. , 0.1, 0.1]))
+    """
+    if seconds is not None and not 0.0 < seconds < np.inf:
+        raise ValueError(f"a step response takes a positive time in s, not {seconds:g}")
+    form = innovation_form(model)
+    if form.nu == 0:
+        raise ValueError("a model without inputs has no step response")
+    if form.dt == 0.0:
+        form = innovation_form(model, (seconds or _slowest_s(form)) / FINE)
+    count = _count(form) if seconds is None else round(seconds / form.dt)
+    y = _stepped(form, count)
+    known = coefficients_of(model)
+    deviation = None
+    if known is not None and form.dt == known.made(known.values).dt:
+        change = known.change(lambda one: _stepped(one, count).astype(complex))
+        deviation = np.asarray(np.sqrt(known.spread(change)[..., 0, 0]), dtype=float)
+    return StepResponse(form.dt * np.arange(count + 1), y, deviation)
+
+
+def _stepped(form: Innovations, count: int) -> Array:
+    """Responses (count + 1, ny, nu) from rest."""
+    x, y = np.zeros((form.nx, form.nu)), np.empty((count + 1, form.ny, form.nu))
+    for k in range(count + 1):
+        y[k] = form.c @ x + form.d
+        x = form.a @ x + form.b
+    return y
+
+
+def _count(form: Innovations) -> int:
+    radius = float(np.abs(np.linalg.eigvals(form.a)).max(initial=0.0))
+    if not 0.0 < radius < 1.0:
+        return FEWEST if radius == 0.0 else MOST // 5
+    return int(min(max(ceil(log(SETTLED) / log(radius)), FEWEST), MOST))
+
+
+def _slowest_s(form: Innovations) -> float:
+    """Until the slowest stable mode of a continuous model has settled."""
+    rates = -np.linalg.eigvals(form.a).real
+    slow = rates[rates > 0.0]
+    return -log(SETTLED) / float(slow.min()) if len(slow) else 1.0
