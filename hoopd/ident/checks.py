@@ -29,6 +29,7 @@ DEPENDENT = 1e-12
 CONSTANT = 1e-12
 # Eigenvalue of the Gram matrix of derivatives of unit length below which the errors do not feel a direction.
 UNFELT = 1e-10
+LOOSE_SHARE = 0.1  # of a direction of unit length that a parameter takes part in
 # A response at all frequencies, or over any number of lags, is asked for an input of this order: ten lines.
 BROAD = 20
 
@@ -83,15 +84,16 @@ def check_regressors(columns: Array, names: Sequence[str]) -> None:
 def check_determined(gram: Array, names: Sequence[str]) -> None:
     """Warn of the parameters of a combination that the errors do not feel; `gram` is J'J of columns of unit length.
 
-    `names`: of the first columns; the rest belong to initial states.
+    `names`: of the first columns; the rest belong to initial states, which are no finding where they alone are loose.
     """
     values, vectors = np.linalg.eigh(gram)
     if len(values) and values[0] < UNFELT * values[-1]:
         part = np.abs(vectors[: len(names), 0])
-        least = 0.1 * max(float(part.max(initial=0.0)), 1e-3)
-        loose = [name for name, share in zip(names, part, strict=True) if share > least]
+        if (largest := float(part.max(initial=0.0))) < LOOSE_SHARE:
+            return
+        loose = [name for name, share in zip(names, part, strict=True) if share > LOOSE_SHARE * largest]
         warn(
-            f"the data do not determine a combination of {', '.join(loose) or 'the initial states'}: too many "
+            f"the data do not determine a combination of {', '.join(loose)}: too many "
             "parameters or an input that excites too little; their covariance leaves it out"
         )  # fmt: skip
 

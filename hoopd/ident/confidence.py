@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from hoopd.ident.continuous_transfer import ContinuousTransfer
 from hoopd.ident.impulse import Impulse
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import VectorArx
@@ -29,7 +30,7 @@ from hoopd.ident.statespace.uncertainty import matrices_covariance
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 # Whatever of these carries a covariance has regions.
-Estimated = Polynomials | VectorArx | StackedModels | Innovations | Structured | Impulse
+Estimated = Polynomials | VectorArx | StackedModels | Innovations | Structured | Impulse | ContinuousTransfer
 
 # Step of the differences: of the coefficient's standard error, and at least of the coefficient.
 STEP, LEAST = 1e-3, 1e-7
@@ -372,4 +373,5 @@ _KINDS: dict[type, Callable[[Any], Coefficients | None]] = {
     Polynomials: _of_polynomials,
     Structured: _of_parameters,
     Innovations: _of_matrices,
+    ContinuousTransfer: lambda model: _of_parameters(model.sampled),
 }

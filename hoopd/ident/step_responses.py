@@ -84,7 +84,7 @@ def step_response(model: Any, seconds: float | None = None) -> StepResponse:
     if known is not None and form.dt == known.made(known.values).dt:
         change = known.change(lambda one: _stepped(one, count).astype(complex))
         deviation = np.asarray(np.sqrt(known.spread(change)[..., 0, 0]), dtype=float)
-    return StepResponse(form.dt * np.arange(count + 1), y, deviation)
+    return StepResponse(np.asarray(form.dt * np.arange(count + 1), dtype=float), y, deviation)
 
 
 def _stepped(form: Innovations, count: int) -> Array:

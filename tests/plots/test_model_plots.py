@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from hoopd import plots
 from hoopd.ident import arx, bj, iddata, impulseest, oe, stack, subspaceid, tfest, varx
 from hoopd.ident.data import Data
-from hoopd.plots import bode, compare_plot, plot, pzmap, resid
+from hoopd.plots import bode, compare_plot, plot, pzmap, resid, step
 
 DT = 0.1
 
@@ -43,6 +43,21 @@ def test_bands_of_what_has_a_covariance_hold_the_truth(data: Data) -> None:
         assert near.min() < own < near.max()
         inside += near.min() <= true <= near.max()
     assert inside > 0.8 * len(curve.get_xdata())
+
+
+def test_steps_have_bands_where_there_is_a_covariance(data: Data, two: Data) -> None:
+    (axes,) = step({"oe": oe(data, 2, 2), "true": ct.tf([1.0, 0.5], [1.0, -1.5, 0.7], DT)}).axes
+    assert len(axes.collections) == 1 and axes.get_legend_handles_labels()[1] == ["oe", "true"]
+    grid = step(subspaceid(two, 3), 4.0).axes
+    assert [one.get_ylabel() for one in grid[:2]] == ["level per step of pump", "level per step of valve"]
+    with pytest.raises(TypeError, match="has no step response of its own"):
+        step(tfest(data))
+    with pytest.raises(ValueError, match="different numbers of outputs or inputs"):
+        step([oe(data, 2, 2), subspaceid(two, 3)])
+
+
+def test_the_package_shows_its_names() -> None:
+    assert set(plots.__all__) <= set(dir(plots))
 
 
 def test_every_kind_of_model_has_a_response_and_one_colour(data: Data) -> None:

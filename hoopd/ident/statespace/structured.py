@@ -319,7 +319,8 @@ def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.b
     j = j[:, reached]
     scale = np.maximum(np.linalg.norm(j, axis=0), np.sqrt(np.finfo(float).tiny))
     gram = (j / scale).T @ (j / scale)
-    check_determined(gram, [task.names[i] for i in np.flatnonzero(reached[: task.count])])
+    names = [task.names[i] for i in np.flatnonzero(reached[: task.count])]
+    check_determined(gram, names)
     inverse = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
     if task.simulation or task.horizon > 1:
         noise = autoregression_of([(whiten @ e).T for e in paths])
