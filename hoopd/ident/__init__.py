@@ -231,6 +231,9 @@ if TYPE_CHECKING:
     from hoopd.ident.rationalfit import (
         rational as rational,
     )
+    from hoopd.ident.resampling import c2d as c2d
+    from hoopd.ident.resampling import d2c as d2c
+    from hoopd.ident.resampling import d2d as d2d
     from hoopd.ident.residualtests import independence as independence
     from hoopd.ident.residualtests import residuals as residuals
     from hoopd.ident.residualtests import whiteness as whiteness
@@ -282,9 +285,6 @@ if TYPE_CHECKING:
     from hoopd.ident.statespace.okid import okid as okid
     from hoopd.ident.statespace.pbsid import pbsid as pbsid
     from hoopd.ident.statespace.pem import pem as pem
-    from hoopd.ident.statespace.sampling import c2d as c2d
-    from hoopd.ident.statespace.sampling import d2c as d2c
-    from hoopd.ident.statespace.sampling import d2d as d2d
     from hoopd.ident.statespace.sampling import sampled_cost as sampled_cost
     from hoopd.ident.statespace.similarity import (
         balance as balance,
@@ -343,6 +343,7 @@ _GIVEN = {
     "conditioning": "apply scale normalize ramp_in ramp_out concatenate merge predictor_data",
     "trends": "detrend trend",
     "gaps": "fill_gaps",
+    "resampling": "c2d d2c d2d",
     "filtering": "prefilter idfilt resample resample_system resample_covariance",
     "frequencydata": "FrequencyData frequency_axis fft frequency_response between between_hz",
     "empirical_response": "etfe",
@@ -376,7 +377,7 @@ _GIVEN = {
     "statespace.hammersteinwiener": "hammerstein_wiener",
     "statespace.stabilise": "stabilize",
     "statespace.similarity": "similarity_transform balance reduce channels",
-    "statespace.sampling": "c2d d2c d2d sampled_cost",
+    "statespace.sampling": "sampled_cost",
     "statespace.uncertainty": "response_covariance pole_covariance",
 }
 _MODULES = {name: module for module, names in _GIVEN.items() for name in names.split()}

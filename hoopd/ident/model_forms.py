@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.identified_model import FreeModel, IdentifiedModel
 from hoopd.ident.models import Innovations
+from hoopd.ident.statespace.sampling import sampled_form
 
 if TYPE_CHECKING:
     import control as ct
@@ -116,9 +117,7 @@ def _name(model: Any) -> str:
 def _at_step(model: Innovations, dt: float | None) -> Innovations:
     if model.dt != 0.0 or dt is None:
         return model
-    from hoopd.ident.statespace.sampling import c2d
-
-    return c2d(model, dt)
+    return sampled_form(model, dt)
 
 
 def _realised(system: ct.TransferFunction) -> ct.StateSpace:

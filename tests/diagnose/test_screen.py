@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.search.screen import Column, Screen, change_of, members_of, touched_grids
+from hoopd.diagnose.search.screen import (
+    Column,
+    Screen,
+    best_scores,
+    change_of,
+    meaningful,
+    members_of,
+    touched_grids,
+)
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -161,3 +169,15 @@ def test_about_a_fit_without_numbers_nothing_is_proposed(base: HypothesisFit) ->
     nowhere = replace(base, rows=[np.full_like(rows, np.nan) for rows in base.rows])
     scores = Screen(nowhere, [LIBRARY["hoop.coulomb_friction"], LIBRARY["actuator.cogging"]]).scores()
     assert [one.gain for one in scores] == [0.0, 0.0]
+
+
+def test_a_change_that_a_model_makes_grow_past_any_meaning_explains_nothing() -> None:
+    # a lag in a loop that a gain over the speed closes: the squares of such a column have no number
+    rng = np.random.default_rng(1)
+    residual = rng.standard_normal(50)
+    columns = np.stack([residual, residual * 1e200, residual * np.nan, residual * np.inf], axis=1)
+    names = ("actuator.torque_bias", "actuator.deadzone", "hoop.quadratic_drag", "ball.quadratic_drag")
+    members = [members_of(LIBRARY[name], ("a",))[0] for name in names]
+    gains = [one.gain for one in best_scores(members, meaningful(columns), residual)]
+    assert gains[0] == pytest.approx(residual @ residual / 2, rel=1e-6)
+    assert gains[1:] == [0.0, 0.0, 0.0]

@@ -19,7 +19,7 @@ from hoopd.diagnose.curves.curve_changes import add_change, within
 from hoopd.diagnose.search.chance import Group, Null, colour, independent, null_of
 from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.diagnose.search.processes import computed
-from hoopd.diagnose.search.screen import Screen, orthonormal
+from hoopd.diagnose.search.screen import Screen, meaningful, orthonormal
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import whitened
@@ -154,7 +154,7 @@ class CurveScreen:
             white = whitened(columns.model, found, f, eps)
             out.append(white.reshape(-1, white.shape[2]))
         # what is added to the model is taken from the residual
-        return -np.concatenate(out)
+        return meaningful(-np.concatenate(out))
 
     def _changes(self, track: Track, part: range) -> tuple[Array, Array]:
         n, begin = len(track.z), int(self._first[part.start])

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 MOST_STRETCH = 1.5
 # Changes that one task whitens.
 TOGETHER = 48
+# A change of so many standard deviations is nothing but the growth of what a model makes unstable.
+MOST_DEVIATIONS = 1e12
 # A limit is tried where it cuts off these shares of the samples.
 TOUCHED = (0.002, 0.005, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)
 
@@ -285,6 +287,10 @@ def _whitened_together(fit: HypothesisFit, changes: Sequence[tuple[Effect, Colum
         # what is added to the model is taken from the residual
         out[first : first + rows, mine] = -white.reshape(rows, -1)
         first += rows
-    # a change that leads where the model has no numbers explains nothing
-    out[:, ~np.isfinite(out).all(axis=0)] = 0.0
-    return out
+    return meaningful(out)
+
+
+def meaningful(columns: Array) -> Array:
+    """Whitened columns (rows, m), zero those that lead where the model has no numbers or that grow past any meaning."""
+    columns[:, ~(np.abs(columns).max(axis=0, initial=0.0) < MOST_DEVIATIONS)] = 0.0
+    return columns

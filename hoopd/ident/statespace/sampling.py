@@ -9,52 +9,18 @@ Rules of this file: both ways are exact, so there and back is the same model.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.model_forms import innovation_form
 from hoopd.ident.models import Innovations
 
 Array = NDArray[np.float64]
 
 
-def c2d(model: Any, dt: float) -> Innovations:
-    """Sample a continuous model with noise, inputs and innovations held over the step.
-
-    Parameters
-    ----------
-    model : any model
-        A continuous one (dt = 0), a python-control system too; its q, r, s are densities.
-    dt : float
-        Step in s.
-
-    Returns
-    -------
-    Innovations
-        The sampled model, the noise integrated over the step.
-
-    Raises
-    ------
-    ValueError
-        A model that is sampled already, or a step that is none.
-
-    Notes
-    -----
-    Source: Van Loan, IEEE Trans. Automatic Control 23, 1978.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import Innovations, c2d
-    >>> one = np.ones((1, 1))
-    >>> lag = c2d(Innovations(-2.0 * one, one, one, 0.0 * one, 0.0 * one, dt=0.0), 0.1)
-    >>> lag.a.round(4), lag.b.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
-    (array([[0.8187]]), array([[0.0906]]))
-    """
-    form = innovation_form(model)
+def sampled_form(form: Innovations, dt: float) -> Innovations:
+    """A continuous innovation form at a step in s, inputs and innovations held, its noise integrated over the step."""
     if form.dt != 0.0:
         raise ValueError(f"the model is sampled already, every {form.dt:g} s: d2d brings it to another step")
     if not 0.0 < dt < np.inf:
@@ -68,33 +34,8 @@ def c2d(model: Any, dt: float) -> Innovations:
     )  # fmt: skip
 
 
-def d2c(model: Any) -> Innovations:
-    """Give the continuous model that a sampled one comes from.
-
-    Parameters
-    ----------
-    model : any model
-        A sampled one, a python-control system too.
-
-    Returns
-    -------
-    Innovations
-        The continuous model (dt = 0); its q, r, s are densities.
-
-    Raises
-    ------
-    ValueError
-        A pole on the negative real axis or at zero, whose logarithm is not real; a model that is continuous already.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import Innovations, d2c
-    >>> one = np.ones((1, 1))
-    >>> d2c(Innovations(np.exp(-0.2) * one, one, one, 0.0 * one, 0.0 * one, dt=0.1)).a.round(6)
-    array([[-2.]])
-    """
-    form = innovation_form(model)
+def continuous_form(form: Innovations) -> Innovations:
+    """The continuous innovation form that a sampled one comes from."""
     if form.dt <= 0.0:
         raise ValueError("the model is continuous already")
     a = _logarithm(form.a) / form.dt
@@ -105,38 +46,6 @@ def d2c(model: Any) -> Innovations:
         r=None if form.r is None else form.r * form.dt,
         s=None if form.s is None else unhold @ form.s * form.dt,
     )  # fmt: skip
-
-
-def d2d(model: Any, dt: float) -> Innovations:
-    """Bring a sampled model to another step, by way of continuous time.
-
-    Parameters
-    ----------
-    model : any model
-        A sampled one, a python-control system too.
-    dt : float
-        New step in s.
-
-    Returns
-    -------
-    Innovations
-        The model at that step.
-
-    Raises
-    ------
-    ValueError
-        A pole on the negative real axis or at zero.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import Innovations, d2d
-    >>> one = np.ones((1, 1))
-    >>> slower = d2d(Innovations(0.9 * one, one, one, 0.0 * one, 0.0 * one, dt=0.1), 0.2)
-    >>> slower.a.round(6), slower.b.round(6)
-    (array([[0.81]]), array([[1.9]]))
-    """
-    return c2d(d2c(model), dt)
 
 
 def sampled_noise(a: Array, q: Array, dt: float) -> Array:

@@ -91,7 +91,7 @@ def test_channels_of_a_model_are_its_part() -> None:
 def test_a_pole_without_a_logarithm_is_refused() -> None:
     one = np.ones((1, 1))
     with pytest.raises(ValueError, match="negative real axis"):
-        sampling.d2c(Innovations(-0.5 * one, one, one, one, one, 1.0))
+        sampling.continuous_form(Innovations(-0.5 * one, one, one, one, one, 1.0))
 
 
 def test_poles_inside_stay_where_they_are() -> None:

@@ -187,7 +187,7 @@ def criterion_35(seed: int) -> Verdicts:
 
 
 def _round_trip(model: Innovations) -> float:
-    again = sampling.c2d(sampling.d2c(model), model.dt)
+    again = sampling.sampled_form(sampling.continuous_form(model), model.dt)
     assert again.q is not None and model.q is not None
     return max(float(np.abs(again.k - model.k).max()), float(np.abs(again.q - model.q).max()))
 
