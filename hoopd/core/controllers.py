@@ -94,6 +94,8 @@ class LqgGains:
 # A wanted hoop speed: by how much the ball's angle is ahead of the one that sustains it, and the sine of the largest.
 AHEAD = 2.0
 DRIVEN_SIN = 0.35
+# A wanted speed so near to where it ends has arrived.
+STANDING_RAD_S = 1e-3
 
 
 class Lqg:
@@ -106,9 +108,10 @@ class Lqg:
         u_r = torque_per_sin sin r + torque_per_speed w,   w' = hold_rate (speed_per_sin sin r - w)
 
     and the step is tracked without the regulator working against itself. From one reference to another w goes on from
-    where it is, through zero too: a hoop that is turned round faster takes the ball along, far beyond the reference.
-    At the bottom (r = 0) the hoop is braked. At `hoop_speed_limit` w stops and r falls back to the angle which that
-    speed sustains: a larger angle can only be held for a while.
+    where it is, through zero too and back to the bottom (r = 0): a hoop that is turned round or stopped faster takes
+    the ball along, far beyond the reference. Where this law takes over at the bottom the hoop is braked. At
+    `hoop_speed_limit` w stops and r falls back to the angle which that speed sustains: a larger angle can only be held
+    for a while; a hoop that is faster slows down with the ball at the bottom.
 
     A wanted hoop speed s is the same the other way round: r is twice the angle that sustains it, so that w is there
     after ln 2 / hold_rate from rest, and w stops at s.
@@ -139,7 +142,8 @@ class Lqg:
     def follow(self, measurement: Measurement) -> tuple[float, Log]:
         """The torque while another law drives the hoop: what speed it has is owed to the reference already."""
         if measurement.ready:
-            self._speed = float(measurement.x[1])
+            at_bottom = self._wanted(measurement)[0] == 0.0
+            self._speed = 0.0 if at_bottom else float(measurement.x[1])
         return self.update(measurement)
 
     def take_over(self, other: Controller) -> bool:
@@ -179,12 +183,19 @@ class Lqg:
 
     def _target(self, reference: float, limit: float, dt: float) -> tuple[float, float]:
         """Angle and hoop speed to go for now."""
-        g = self.gains
-        if not (g.hold_rate > 0.0 and abs(reference) > 0.0):
+        g, before = self.gains, self._speed
+        if not g.hold_rate > 0.0:
             self._speed = 0.0
             return reference, 0.0
+        stays = exp(-g.hold_rate * dt)
+        if abs(before) > limit:
+            # too fast: it slows down by itself while the ball is at the bottom
+            self._speed = copysign(max(limit, abs(before) * stays), before)
+            return 0.0, self._speed
         end = g.speed_per_sin * sin(reference)
-        self._speed += (end - self._speed) * (1.0 - exp(-g.hold_rate * dt))
+        self._speed = end + (before - end) * stays
+        if abs(self._speed - end) < STANDING_RAD_S:
+            self._speed = end
         if self._speed * end <= 0.0 or abs(self._speed) < limit:
             return reference, self._speed
         self._speed = copysign(limit, self._speed)

@@ -130,8 +130,7 @@ class Yardstick:
 
     def _follow(self, sample: TickSample) -> None:
         passed, self._t = 0.0 if self._t is None else sample.t - self._t, sample.t
-        if self._held is None or sample.reference == 0.0:
-            self._speed = 0.0
+        if self._held is None:
             return
         end = self._held.per_sin * sin(sample.reference)
         self._speed += (end - self._speed) * (1.0 - exp(-self._held.rate * max(0.0, passed)))

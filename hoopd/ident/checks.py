@@ -89,8 +89,9 @@ def check_determined(gram: Array, names: Sequence[str]) -> None:
     values, vectors = np.linalg.eigh(gram)
     if len(values) and values[0] < UNFELT * values[-1]:
         part = np.abs(vectors[: len(names), 0])
-        if (largest := float(part.max(initial=0.0))) < LOOSE_SHARE:
+        if float(np.linalg.norm(part)) < LOOSE_SHARE:
             return
+        largest = float(part.max())
         loose = [name for name, share in zip(names, part, strict=True) if share > LOOSE_SHARE * largest]
         warn(
             f"the data do not determine a combination of {', '.join(loose)}: too many "

@@ -20,8 +20,11 @@ Array = NDArray[np.float64]
 
 # Unless told otherwise: until the slowest mode has fallen to so much of it, within these numbers of samples.
 SETTLED, FEWEST, MOST = 0.01, 20, 1000
-# Samples of a continuous model over its slowest mode.
-FINE = 200
+# Samples of a continuous model over its slowest mode, and in the time constant of its fastest (or a sixth of a turn of
+# it) as far as so many samples last. With an integrator: so many times as long as the other modes take.
+FINE, FINE_FAST, MOST_FINE, INTEGRATED = 200, 5, 20_000, 10.0
+# A mode that is so much slower than the fastest integrates.
+INTEGRATOR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -76,8 +79,11 @@ def step_response(model: Any, seconds: float | None = None) -> StepResponse:
     if form.nu == 0:
         raise ValueError("a model without inputs has no step response")
     if form.dt == 0.0:
-        form = innovation_form(model, (seconds or _slowest_s(form)) / FINE)
-    count = _count(form) if seconds is None else round(seconds / form.dt)
+        length = seconds or _slowest_s(form)
+        count = _samples(form, length)
+        form = innovation_form(model, length / count)
+    else:
+        count = _count(form) if seconds is None else max(1, round(seconds / form.dt))
     y = _stepped(form, count)
     known = coefficients_of(model)
     deviation = None
@@ -104,7 +110,14 @@ def _count(form: Innovations) -> int:
 
 
 def _slowest_s(form: Innovations) -> float:
-    """Until the slowest stable mode of a continuous model has settled."""
+    """Until the slowest stable mode of a continuous model has settled, some times longer where it integrates."""
     rates = -np.linalg.eigvals(form.a).real
-    slow = rates[rates > 0.0]
-    return -log(SETTLED) / float(slow.min()) if len(slow) else 1.0
+    slow = rates[rates > INTEGRATOR * np.abs(rates).max(initial=0.0)]
+    if not len(slow):
+        return 1.0
+    return -log(SETTLED) / float(slow.min()) * (1.0 if len(slow) == len(rates) else INTEGRATED)
+
+
+def _samples(form: Innovations, seconds: float) -> int:
+    fastest = float(np.abs(np.linalg.eigvals(form.a)).max(initial=0.0))
+    return int(min(max(FINE, ceil(FINE_FAST * fastest * seconds)), MOST_FINE))

@@ -35,6 +35,8 @@ UNPROVEN = (*REFUTED, "untested")
 # Laws of one slot that make the same controller, and the nats from which on the data tell them apart all the same.
 SAME_TO_A_LAW = frozenset({"lag", "delay"})
 TOLD_APART_NATS = 1.0
+# Numbers of a law that say how it runs and not how much of it there is.
+NO_SIZES = frozenset({"phi", "n", "w", "follows", "t0", "t1", "vs", "T"})
 
 
 @dataclass(frozen=True)
@@ -190,14 +192,17 @@ def _open(diagnosis: Diagnosis, doubts: Mapping[str, Sequence[str]], unproven: S
 
 
 def _may_be_zero(finding: EffectFinding) -> str | None:
-    """The number of a law none of whose numbers is told from zero, with its interval; None where one is."""
+    """The number of a law none of whose sizes is told from zero, with its interval; None where one is."""
     told = {name: one for name, one in finding.parameters.items() if one.ci95 is not None}
-    ends = [one.ci95 for one in told.values() if one.ci95 is not None]
-    if not ends or any(low is None or high is None or low * high > 0.0 for low, high in ends):
+    sizes = ["A"] if "A" in told else [name for name in told if name not in NO_SIZES] or [*told]
+    ends = {name: ci95 for name in sizes if (ci95 := told[name].ci95) is not None}
+    if not ends or any(
+        (low is not None and low > 0.0) or (high is not None and high < 0.0) for low, high in ends.values()
+    ):
         return None
-    name, one = next(iter(told.items()))
-    (low, high), *_ = ends
-    return f"{name} = {one.value:.3g} {one.unit} (95 %: {low:.3g} to {high:.3g})"
+    name, (low, high) = next(iter(ends.items()))
+    one, (first, last) = told[name], ("?" if end is None else f"{end:.3g}" for end in (low, high))
+    return f"{name} = {one.value:.3g} {one.unit} (95 %: {first} to {last})"
 
 
 def _shown(shares: dict[str, float]) -> tuple[tuple[str, float], ...]:

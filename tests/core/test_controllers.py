@@ -41,8 +41,38 @@ def test_a_held_reference_asks_for_the_speed_that_the_plant_demands() -> None:
     for _ in range(1000):
         log = law.update(measurement(reference=0.1))[1]
     assert log["reference_speed_rad_s"] == pytest.approx(231 * math.sin(0.1), rel=1e-3)
-    log = law.update(measurement(reference=0.0))[1]
-    assert (log["reference_rad"], log["reference_speed_rad_s"]) == (0.0, 0.0)
+
+
+def test_back_at_the_bottom_the_speed_goes_down_as_the_plant_slows_down() -> None:
+    law = Lqg(GAINS)
+    for _ in range(1000):
+        before = law.update(measurement(reference=0.1))[1]["reference_speed_rad_s"]
+    speeds = []
+    for _ in range(1000):
+        log = law.update(measurement(reference=0.0))[1]
+        assert log["reference_rad"] == 0.0
+        speeds.append(log["reference_speed_rad_s"])
+    assert speeds[:100] == pytest.approx([before * math.exp(-0.016 * (k + 1)) for k in range(100)])
+    assert speeds[-1] == 0.0
+
+
+def test_where_it_takes_over_at_the_bottom_the_hoop_is_braked() -> None:
+    law = Lqg(GAINS)
+    assert law.follow(measurement((0.0, 20.0, 0.0, 0.0), reference=0.0))[1]["reference_speed_rad_s"] == 0.0
+    law.follow(measurement((0.0, 20.0, 0.0, 0.0), reference=0.05))
+    assert law.update(measurement((0.0, 20.0, 0.0, 0.0), reference=0.05))[1]["reference_speed_rad_s"] == pytest.approx(
+        20.0, 0.05
+    )
+
+
+def test_a_hoop_beyond_the_speed_limit_slows_down_before_the_angle_is_held() -> None:
+    law = Lqg(GAINS)
+    law.follow(measurement((0.0, 45.0, 0.0, 0.0), reference=0.05))
+    for _ in range(100):
+        log = law.update(measurement((0.0, 45.0, 0.0, 0.0), reference=0.05))[1]
+        beyond = log["reference_speed_rad_s"] > 30.0
+        assert log["reference_rad"] == (0.0 if beyond else 0.05) or log["reference_speed_rad_s"] == 30.0
+        assert abs(log["reference_rad"]) <= 0.05
 
 
 def test_an_angle_beyond_the_hoop_speed_limit_is_held_for_a_while_only() -> None:

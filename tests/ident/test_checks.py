@@ -13,6 +13,7 @@ from hoopd.ident.checks import (
     IdentificationWarning,
     Orders,
     check,
+    check_determined,
     check_regressors,
     dependent,
     excitation,
@@ -186,3 +187,15 @@ def test_a_coefficient_without_a_spread_counts_as_nothing_and_others_by_theirs()
     assert wald(model, ["a1"]) == (0.0, 1)
     assert wald(model, ["a2"]) == (pytest.approx(1.0), 1)
     assert wald(model, ["a1", "a2", "b1"]) == (pytest.approx(5.0), 3)
+
+
+def test_a_combination_of_many_parameters_is_loose_however_evenly_it_is_spread() -> None:
+    """Of 150 parameters each has a twelfth of the direction; starting states alone are no finding."""
+    count = 150
+    even = np.ones(count) / np.sqrt(count)
+    names = [f"p{k}" for k in range(count)]
+    with pytest.warns(IdentificationWarning, match=r"do not determine a combination of p0, p1, .*p149"):
+        check_determined(np.eye(count) - np.outer(even, even), names)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_determined(np.diag([1.0] * count + [0.0]), names)

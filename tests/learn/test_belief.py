@@ -64,9 +64,16 @@ def test_a_curve_without_a_law_is_never_settled() -> None:
         ({"x": (-0.1, 0.3), "y": (0.2, 0.4)}, True),  # a place has two numbers, and one may well be zero
         ({"x": (-0.1, 0.3), "y": (-0.2, 0.4)}, False),
         ({"s": None}, True),
+        ({"A": (-0.3, 0.5), "w": (9.0, 11.0), "phi": (1.2, 2.0)}, False),  # how fast, but not how much
+        ({"A": (0.1, 0.5), "phi": (-1.2, 2.0)}, True),
+        ({"T": (0.001, 0.003)}, True),
+        ({"T": (-0.001, 0.003)}, False),
+        ({"s": (-0.3, None)}, False),
     ],
 )
-def test_a_law_whose_size_nobody_knows_is_open(intervals: dict[str, tuple[float, float] | None], settled: bool) -> None:
+def test_a_law_whose_size_nobody_knows_is_open(
+    intervals: dict[str, tuple[float, float | None] | None], settled: bool
+) -> None:
     told = said(0.92)
     parameters = {name: Quantity(value=0.012, unit="N m", ci95=ends, nominal=None) for name, ends in intervals.items()}
     drive = msgspec.structs.replace(told.effects[0], name="actuator.saturation", parameters=parameters)

@@ -136,6 +136,12 @@ def test_another_model_foresees_and_says_how_large_a_signal_may_be(tmp_path: Pat
     assert small["foreseen_hoop_speed_rad_s"] <= 0.3 * plan.speed_limit_rad_s
 
 
+def test_where_every_signal_would_end_early_the_weakest_is_played(tmp_path: Path) -> None:
+    result = perform(tmp_path, Plan("prbs", 4.0, speed_limit_rad_s=0.5)).result
+    assert result["amplitude_nm"] == min(AMPLITUDES_NM)
+    assert any("it would end early" in note for note in result["notes"])
+
+
 def test_a_law_that_swings_for_late_pictures_is_foreseen_to(tmp_path: Path) -> None:
     """The thesis's PID: calm with fresh pictures, a limit cycle with those of the device."""
     found = perform(tmp_path, Plan("prbs", 4.0, 0.03, around=Path("controllers/pid.yaml"))).result

@@ -129,7 +129,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     try:
-        kept = KeptRows(asked.json, {"seed": asked.seed, "most": asked.most})
+        kept = KeptRows(asked.json, {"seed": asked.seed, "most": asked.most, "loops": asked.loops})
     except InputError as error:
         parser.error(str(error))
     done = {(row["device"], row["arm"]) for row in kept.rows}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hoopd.diagnose.search.chance import EULER, Null, colour, independent
 from hoopd.diagnose.search.mechanism_columns import ColumnPlace, FollowedTrack, MechanismChoice, place_of
 from hoopd.diagnose.search.processes import computed
-from hoopd.diagnose.search.screen import orthonormal
+from hoopd.diagnose.search.screen import MOST_DEVIATIONS, orthonormal
 from hoopd.diagnose.search.surprise import log_chances, surprise
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.axes import TIME
@@ -146,6 +146,9 @@ class MechanismScreen:
         for place, indices in part:
             some = [self._choices[i] for i in indices]
             with_all, gram = self._products(place, some, beside)
+            # what has no number, or one beyond any meaning, explains nothing and draws nothing
+            wild = ~(np.einsum("kii->ki", gram) < MOST_DEVIATIONS**2).all(axis=1)
+            with_all[wild], gram[wild] = 0.0, 0.0
             along, shared = with_all[:, :, : 1 + draws], with_all[:, :, 1 + draws :]
             size = np.einsum("kii->ki", gram).copy()
             gains = _gains(gram - shared @ shared.transpose(0, 2, 1), size, along)

@@ -27,7 +27,7 @@ def sampled_form(form: Innovations, dt: float) -> Innovations:
         raise ValueError(f"a step is a positive time in s, not {dt:g}")
     hold = _hold(form.a, dt)
     return replace(
-        form, a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
+        _matrices(form), a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
         q=None if form.q is None else sampled_noise(form.a, form.q, dt),
         r=None if form.r is None else form.r / dt,
         s=None if form.s is None else hold @ form.s / dt,
@@ -41,7 +41,7 @@ def continuous_form(form: Innovations) -> Innovations:
     a = _logarithm(form.a) / form.dt
     unhold = np.linalg.inv(_hold(a, form.dt))
     return replace(
-        form, a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
+        _matrices(form), a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
         q=None if form.q is None else unsampled_noise(a, form.q, form.dt),
         r=None if form.r is None else form.r * form.dt,
         s=None if form.s is None else unhold @ form.s * form.dt,
@@ -118,7 +118,14 @@ def _hold(a: Array, dt: float) -> Array:
     return np.asarray(linalg.expm(np.block([[a, np.eye(n)], [np.zeros((n, 2 * n))]]) * dt)[:n, n:])
 
 
+def _matrices(form: Innovations) -> Innovations:
+    """Without what belongs to the estimate of these very matrices: the numbers of others are others."""
+    return replace(form, names=(), values=np.zeros(0), covariance=None, singular_values=None, choice=None, report=None)
+
+
 def _logarithm(a: Array) -> Array:
+    if not len(a):
+        return np.zeros((0, 0))
     poles = np.linalg.eigvals(a)
     if ((np.abs(poles.imag) < 1e-12 * np.abs(poles)) & (poles.real <= 0.0)).any() or np.abs(poles).min() < 1e-300:
         raise ValueError(

@@ -121,7 +121,7 @@ def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: flo
 
 
 def _plant_of(model_text: str, name: str | Path, *, ball: bool) -> HoopPlant:
-    """What foresees: the model with those of its effects that act on the state alone."""
+    """What foresees: the model with those of its effects that act on the state alone; without a ball, without them."""
     model = parse_model(model_text, name)
     if not ball:
         return HoopPlant(model.structure, without_ball(model.structure, model.values()))
@@ -132,7 +132,7 @@ def _plant_of(model_text: str, name: str | Path, *, ball: bool) -> HoopPlant:
 def _choose(
     plan: Plan, make: Callable[[int, float], ControllerFile], plant: HoopPlant, period_s: float
 ) -> tuple[float, ControllerFile, float, Forecast]:
-    """The first signal that leaves room to every limit, else the one that leaves most."""
+    """The first signal that leaves room to every limit, else the one that leaves most; the weakest where all end."""
     best: tuple[float, ControllerFile, float, Forecast] | None = None
     for amplitude_nm, variant in _candidates(plan):
         file = make(variant, amplitude_nm)
@@ -140,7 +140,7 @@ def _choose(
         assert isinstance(law, Excitation)
         forecast = foresee(law, plant, period_s, ball=plan.ball)
         use = forecast.use(plan) if forecast.ended == DONE else inf
-        if best is None or use < best[0]:
+        if best is None or use < best[0] or (use == best[0] == inf and amplitude_nm < best[2]):
             best = (use, file, amplitude_nm, forecast)
         if use <= plan.use_share:
             break
@@ -212,7 +212,7 @@ def _notes(plan: Plan, variant: int, amplitude_nm: float) -> str:
 
 
 def _warnings(plan: Plan, use: float, amplitude_nm: float, forecast: Forecast) -> Iterator[str]:
-    if use > max(COMFORT, plan.use_share):
+    if use > plan.use_share:
         seen = f"hoop {forecast.hoop_speed_rad_s:.1f} rad/s, ball {forecast.ball_angle_rad:.2f} rad"
         ends = "" if forecast.ended == DONE else f", and it would end early: {forecast.ended}"
         yield f"little room: the model foresees {seen}{ends}; a smaller --amplitude is safer"
