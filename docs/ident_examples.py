@@ -29,10 +29,9 @@ from hoopd.ident import (
     residuals,
     subspaceid,
 )
-from hoopd.plots import style
+from hoopd.plots import impulse, style
 from hoopd.plots.identification import (
     Response,
-    draw_impulse,
     draw_residuals,
     draw_responses,
     draw_said,
@@ -86,9 +85,7 @@ def dead_time(figure: Path) -> str:
     data = iddata(clean + 0.02 * rng.standard_normal(1000), u, 0.1)
     found = delay(data)
     taps = impulseest(data, n=80, prior="tc")
-    style.save(
-        draw_impulse(taps.t, {"impulse response (TC prior)": np.ravel(taps.g)}, np.ravel(taps.deviation)), figure
-    )
+    style.save(impulse({"impulse response (TC prior)": taps}), figure)
     return f"delay 21 samples; found {found.samples}, 95 % interval {found.interval[0]} to {found.interval[1]}"
 
 
@@ -101,7 +98,7 @@ def static_nonlinearity(figure: Path) -> str:
     data = iddata(np.abs(lfilter(num, den, u)) + 0.5 + 0.01 * rng.standard_normal(300), u, 0.5)
     model = hammerstein_wiener(data, 2, [0.0], output_map=lambda z, p: np.abs(z) + p[0], starts=30, seed=0)
     said = model.simulate(data)
-    style.save(draw_said(data, {"Wiener model": said}, "simulated"), figure)
+    style.save(draw_said([data], {"Wiener model": [said]}, "simulated"), figure)
     return f"offset 0.5; found {model.p[0]:.4f}, simulation fits {fit_percent(data.y, said)[0]:.1f} %"
 
 
@@ -117,7 +114,7 @@ def unstable(figure: Path) -> str:
         y[k + 1] = a * y[k] + b * u[k] + 0.01 * rng.standard_normal()
     data = iddata(y, u, dt)
     model = arx(data, 1, 1)
-    style.save(draw_said(data, {"arx": predict(model, data, 10)}, "10 samples ahead"), figure)
+    style.save(draw_said([data], {"arx": [predict(model, data, 10)]}, "10 samples ahead"), figure)
     return f"pole {a:.4f}; found {-model.a[1]:.4f} +- {model.deviations()['a1']:.4f}"
 
 
@@ -173,7 +170,7 @@ def four_tanks(figure: Path) -> str:
         data, tank_step, lambda x, u, p, t: x[:2], [1.4, 1.4, 5.1, 0.25], [2.5, 1.5, 1.0, 2.0],
         process=1e-4, measurement=4e-4, spread=1.0, bounds=(0.01, 10.0), names=["k1", "k2", "outlet", "up"],
     )  # fmt: skip
-    style.save(draw_said(data, {"four tanks": data.y - model.errors}, "one step ahead"), figure)
+    style.save(draw_said([data], {"four tanks": [data.y - model.errors]}, "one step ahead"), figure)
     sd = model.deviations()
     return "; ".join(
         f"{name} {true:g}: {model.parameters[name]:.4f} +- {sd[name]:.4f}"

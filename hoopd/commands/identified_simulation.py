@@ -137,4 +137,4 @@ def _draw(model: Innovations, each: Sequence[Data], file: IdentifiedFile, figure
     with np.errstate(all="ignore"):
         said = _lifted(predict(model, shown, math.inf), file)
     back = {name: -value for name, value in file.operating_point.items()}
-    save_figure(draw_said(without(shown, back), {file.name: said}, "simulated", file.name, units), figure)
+    save_figure(draw_said([without(shown, back)], {file.name: [said]}, "simulated", file.name, units), figure)

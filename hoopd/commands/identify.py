@@ -49,6 +49,7 @@ HOOP_OUTPUTS = ("theta", "dtheta", "psi")
 AUTO = "auto"
 METHODS = ("arx", "armax", "oe", "bj", "subspace", "pem", AUTO)
 STATE_SPACE = ("subspace", "pem")
+POLYNOMIAL = ("arx", "armax", "oe", "bj")
 # Samples ahead of the predictions of the hoop that are drawn; of columns the simulation is.
 AHEAD = 10
 # Candidates that are told, and those of other families that are drawn.
@@ -210,6 +211,11 @@ def _check_method(options: IdentifyOptions) -> None:
         raise InputError("--method", "", f"unknown method {options.method!r}; known: {', '.join(METHODS)}")
     if not 2 <= len(options.orders) <= 3 or min(options.orders) < 1:
         raise InputError("--orders", "", "two or three whole numbers from 1 on: na,nb or na,nb,nc")
+    if len(options.orders) == 3 and options.method in ("arx", "oe"):
+        reason = f"{options.method} takes na,nb; the samples by which inputs act late are --input-delay"
+        raise InputError("--orders", "", reason)
+    if options.input_delay < 0 or (options.input_delay and options.method not in POLYNOMIAL):
+        raise InputError("--input-delay", "", f"from 0 on, with {', '.join(POLYNOMIAL)}")
     if options.order is not None and options.order < 1:
         raise InputError("--order", "", f"at least 1, not {options.order}")
 
@@ -251,18 +257,20 @@ def _searched(task: IdentifyTask, progress: Progress) -> Identified:
 
 
 def _by_method(train: Sequence[Data], options: IdentifyOptions) -> IdentifiedModel:
+    late = 1 + options.input_delay
     if options.method == "arx":
-        return varx(train, *options.orders[:2])
+        na, nb = options.orders[:2]
+        return varx(train, na, nb, late)
     if options.method in STATE_SPACE:
         # what a tick sends answers what it has read: no input tells an output of its own row
         if options.method == "subspace":
             return subspaceid(train, options.order, direct=False)
-        return pem(train, options.order)
+        return pem(train, options.order, direct=False)
     na, nb, nc = (*options.orders, options.orders[0])[:3]
     fits: Mapping[str, Callable[[Sequence[Data]], Polynomials]] = {
-        "armax": lambda each: armax(each, na, nb, nc),
-        "oe": lambda each: oe(each, nb, na),
-        "bj": lambda each: bj(each, nb, nc, nc, na),
+        "armax": lambda each: armax(each, na, nb, nc, late),
+        "oe": lambda each: oe(each, nb, na, late),
+        "bj": lambda each: bj(each, nb, nc, nc, na, late),
     }
     rows = [fits[options.method]([one.channels([i]) for one in train]) for i in range(train[0].ny)]
     return rows[0] if len(rows) == 1 else stack(rows)

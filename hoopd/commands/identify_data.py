@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 OUTPUTS = ("dtheta", "psi")
 # What the hoop's input is called in an identified model.
 INPUT = "torque"
+ANY_COLUMNS = "columns of any other file are named by --input COLUMN,... --output COLUMN,..."
 # Of a recording without another one to compare with, the last part is held out.
 LAST_SHARE = 1.0 / 3.0
 # The part that is compared must be longer than the slowest mode of the device once or twice.
@@ -41,7 +42,12 @@ def read(names: Sequence[str], options: IdentifyOptions, plant: Plant | None) ->
     """The stretches of recordings of a plant (the hoop without one), and what has to be said of them."""
     found, said = [], []
     for name in names:
-        recording = read_recording(name, options.columns, plant=plant, hold=options.hold)
+        try:
+            recording = read_recording(name, options.columns, plant=plant, hold=options.hold)
+        except InputError as error:
+            if plant is None and options.columns is None and str(name).endswith(".csv") and " header" in error.reason:
+                raise InputError(error.path, error.key, f"{error.reason}; {ANY_COLUMNS}") from None
+            raise
         parts, notes = stretches(recording, name, options)
         found += parts
         said += notes

@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from hoopd.ident.data import experiments as experiments
     from hoopd.ident.data import iddata as iddata
     from hoopd.ident.data import runs as runs
+    from hoopd.ident.delayed_model import DelayedModel as DelayedModel
     from hoopd.ident.doubts import IdentificationWarning as IdentificationWarning
     from hoopd.ident.empirical_response import etfe as etfe
     from hoopd.ident.excitation import (
@@ -99,6 +100,7 @@ if TYPE_CHECKING:
     from hoopd.ident.filtering import (
         resample_system as resample_system,
     )
+    from hoopd.ident.forecasting import forecast as forecast
     from hoopd.ident.frequencydata import (
         FrequencyData as FrequencyData,
     )
@@ -307,6 +309,7 @@ if TYPE_CHECKING:
     from hoopd.ident.statespace.uncertainty import (
         response_covariance as response_covariance,
     )
+    from hoopd.ident.step_responses import impulse_response as impulse_response
     from hoopd.ident.step_responses import step_response as step_response
     from hoopd.ident.structure_search import identify as identify
     from hoopd.ident.trends import (
@@ -335,7 +338,8 @@ _GIVEN = {
     "polynomial.lpv": "lpv_arx",
     "statespace.lpv": "lpv_pem",
     "confidence": "response_spread pole_spread zero_spread",
-    "step_responses": "step_response",
+    "forecasting": "forecast",
+    "step_responses": "impulse_response step_response",
     "measures": "fit_percent rms mse sse nrmse",
     "information_criteria": "criteria aic aicc bic fpe parameters_of",
     "model_comparison": "compare table",
@@ -343,6 +347,7 @@ _GIVEN = {
     "conditioning": "apply scale normalize ramp_in ramp_out concatenate merge predictor_data",
     "trends": "detrend trend",
     "gaps": "fill_gaps",
+    "delayed_model": "DelayedModel",
     "resampling": "c2d d2c d2d",
     "filtering": "prefilter idfilt resample resample_system resample_covariance",
     "frequencydata": "FrequencyData frequency_axis fft frequency_response between between_hz",
@@ -406,6 +411,7 @@ _FORMER = {
 
 __all__ = [
     "Data",
+    "DelayedModel",
     "FrequencyData",
     "IdentificationWarning",
     "Innovations",
@@ -452,6 +458,7 @@ __all__ = [
     "fit_basis",
     "fit_basis_response",
     "fit_percent",
+    "forecast",
     "fpe",
     "frequency_axis",
     "frequency_response",
@@ -462,6 +469,7 @@ __all__ = [
     "iddata",
     "identify",
     "idfilt",
+    "impulse_response",
     "impulseest",
     "independence",
     "innovation_form",
@@ -546,9 +554,37 @@ __all__ = [
 ]
 
 
+# What other toolboxes call by names that this package does not have.
+_ELSEWHERE = {
+    "advice": "the warnings of a model's `summary()`",
+    "arxstruc": "`scan(data, na, nb, delay)`",
+    "delayest": "`delay(data)`",
+    "getcov": "a model's `covariance` and `deviations()`",
+    "getpvec": "a model's `values` and `deviations()`",
+    "idfrd": "`frequency_response(model, w)` and python-control's FRD",
+    "idpoly": "`Polynomials`",
+    "idss": "`Innovations`",
+    "impulse": "`hoopd.plots.impulse(model)`",
+    "misdata": "`fill_gaps(data).data`, or `smooth(model, data)` by a model",
+    "n4sid": "`subspaceid(data, order)`",
+    "nlhw": "`hammerstein_wiener`",
+    "nlarx": "`nonlinear_pem` of a model that you write",
+    "present": "what `print(model)` says",
+    "procest": "`srivc(data, poles, zeros)`",
+    "recursiveARX": "`RecursiveArx`",
+    "selstruc": "`scan(...).best(criterion)`",
+    "sim": "`simulate(model, data)`",
+    "spa": "`tfest(data)`, by the name of ControlSystemIdentification.jl",
+    "ssest": "`subspaceid(data, order)`, refined by `pem(data, order)`",
+    "ssregest": "`subspaceid(data, order)`",
+}
+
+
 def __getattr__(name: str) -> Any:
     if name in _FORMER:
         raise AttributeError(f"{__name__}.{name} is called {__name__}.{_FORMER[name]} now")
+    if name in _ELSEWHERE:
+        raise AttributeError(f"{__name__} has no {name}: it is {_ELSEWHERE[name]} here")
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

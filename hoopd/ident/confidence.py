@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.continuous_transfer import ContinuousTransfer
+from hoopd.ident.continuous_transfer import ContinuousTransfer, companion
 from hoopd.ident.impulse import Impulse
 from hoopd.ident.models import Innovations, Polynomials, state_space
 from hoopd.ident.polynomial.arx import VectorArx
@@ -153,12 +153,13 @@ def pole_spread(model: Estimated) -> RootSpread | None:
     >>> spread.roots.real.round(2), bool(np.sqrt(spread.covariances[0, 0, 0]) < 0.01)
     (array([0.8]), True)
     """
-    known = coefficients_of(model)
+    known = _root_coefficients(model)
     if known is None:
         return None
-    poles = np.asarray(np.linalg.eigvals(known.made(known.values).a), dtype=complex)
+    own = known.made(known.values)
+    poles = np.asarray(np.linalg.eigvals(own.a), dtype=complex)
     change = known.change(lambda one: _nearest(poles, np.asarray(np.linalg.eigvals(one.a), dtype=complex)))
-    return _roots(known, poles, change)
+    return _roots(known, poles, change, own.dt)
 
 
 def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread | None:
@@ -194,14 +195,14 @@ def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread |
     >>> bool(abs(spread.roots[0] - 0.5) < 3 * np.sqrt(spread.covariances[0, 0, 0]))
     True
     """
-    known = coefficients_of(model)
+    known = _root_coefficients(model)
     if known is None:
         return None
     own = known.made(known.values)
     zeros = zeros_of(own, output, channel)
     slope = [_response(own, zeros + step)[:, output, channel] for step in (APART, -APART)]
     change = known.change(lambda one: _response(one, zeros)[:, output, channel])
-    return _roots(known, zeros, -change / ((slope[0] - slope[1]) / (2.0 * APART))[:, None])
+    return _roots(known, zeros, -change / ((slope[0] - slope[1]) / (2.0 * APART))[:, None], own.dt)
 
 
 def zeros_of(model: Innovations, output: int, channel: int = 0) -> Complex:
@@ -218,9 +219,10 @@ def zeros_of(model: Innovations, output: int, channel: int = 0) -> Complex:
     return np.asarray(found[own & np.isfinite(found)], dtype=complex)
 
 
-def _roots(known: Coefficients, roots: Complex, change: Complex) -> RootSpread:
+def _roots(known: Coefficients, roots: Complex, change: Complex, dt: float) -> RootSpread:
     spread = known.spread(change)
-    spread[np.abs(roots) < AT_ZERO] = 0.0
+    if dt > 0.0:
+        spread[np.abs(roots) < AT_ZERO] = 0.0
     return RootSpread(roots, np.nan_to_num(spread, nan=0.0, posinf=0.0, neginf=0.0))
 
 
@@ -240,6 +242,15 @@ def _response(model: Innovations, z: Complex) -> Complex:
 def coefficients_of(model: Any) -> Coefficients | None:
     known = next((of for kind, of in _KINDS.items() if isinstance(model, kind)), None)
     return None if known is None else known(model)
+
+
+def _root_coefficients(model: Any) -> Coefficients | None:
+    """Those whose model has the roots that are meant: in the plane of s of a continuous transfer function."""
+    known = coefficients_of(model)
+    if known is None or not isinstance(model, ContinuousTransfer):
+        return known
+    first, order = len(model.num), len(model.den) - 1
+    return replace(known, made=lambda values: companion(values[:first], values[first : first + order]))
 
 
 def _of_polynomials(model: Polynomials) -> Coefficients | None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.data import Data
+from hoopd.ident.data import Data, experiments
 from hoopd.ident.estimation_report import EstimationReport, chosen, estimated
 from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.models import Innovations, standard_errors
@@ -57,6 +57,16 @@ class ContinuousTransfer(IdentifiedModel):
     def continuous(self) -> ct.TransferFunction:
         """B/A without the dead time."""
         return ct.TransferFunction(self.num, self.den)
+
+    @property
+    def undelayed(self) -> Innovations:
+        """B/A without the dead time as a continuous state space (dt = 0)."""
+        return companion(self.num, self.den[1:])
+
+    @property
+    def delays(self) -> tuple[float]:
+        """The dead time of its input in s."""
+        return (self.delay,)
 
     @property
     def state_space(self) -> Innovations:
@@ -98,6 +108,8 @@ def srivc(data: Data, poles: int, zeros: int | None = None, *, delay: float | No
     ------
     ValueError
         Orders that do not fit, and data that tell no stable model of them.
+    TypeError
+        Several experiments.
 
     Notes
     -----
@@ -116,6 +128,9 @@ def srivc(data: Data, poles: int, zeros: int | None = None, *, delay: float | No
     >>> found.den.round(1), found.num.round(1), round(found.delay, 2)
     (array([1. , 0.6, 1. ]), array([2.]), 0.5)
     """
+    if not isinstance(data, Data):
+        experiments(data)  # says what it is instead
+        raise TypeError("srivc takes one experiment")
     single([data])
     m = poles - 1 if zeros is None else zeros
     if data.nu != 1:
@@ -144,6 +159,16 @@ def srivc(data: Data, poles: int, zeros: int | None = None, *, delay: float | No
         values[: m + 1], np.concatenate([[1.0], values[m + 1 : m + 1 + poles]]), float(values[-1]) if free else late,
         tuple(names), values, fit.covariance, fit,
     )  # fmt: skip
+
+
+def companion(b: Array, a: Array) -> Innovations:
+    """B/A, A = s^n + a_1 s^(n-1) + ..., as a continuous state space."""
+    n = len(a)
+    lines = np.eye(n, k=1)
+    lines[-1] = -a[::-1]
+    out = np.zeros((1, n))
+    out[0, : len(b)] = b[::-1]
+    return Innovations(lines, np.eye(n)[:, -1:], out, np.zeros((1, 1)), np.zeros((n, 1)), 0.0)
 
 
 def sampled(b: Array, a: Array, delay: float, dt: float, most: float) -> Innovations:

@@ -225,7 +225,7 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
     """
     each = [data] if isinstance(data, Data) else list(data) if isinstance(data, Sequence) else [data]
     if strange := [type(one).__name__ for one in each if not isinstance(one, Data)]:
-        raise TypeError(f"data (iddata) are wanted, not a {strange[0]}")
+        raise TypeError(_no_data(strange[0], [data, *each]))
     if not each:
         raise ValueError("no experiment given")
     first = each[0]
@@ -237,6 +237,15 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
         if not np.isclose(one.dt, first.dt, rtol=1e-6):
             raise ValueError(f"experiment {i} has a step of {one.dt} s, the first one of {first.dt} s")
     return each
+
+
+def _no_data(called: str, each: Sequence[Any]) -> str:
+    told = f"data (iddata) are wanted, not {'an' if called[:1].lower() in 'aeiou' else 'a'} {called}"
+    if any(hasattr(one, "filled") for one in each):
+        return f"{told}: of what fill_gaps gives take .data"
+    if any(hasattr(one, "predict") for one in each):
+        return f"{told}: models come first, several of them as a list"
+    return told
 
 
 def runs(data: Data) -> Iterator[Data]:

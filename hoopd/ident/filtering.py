@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from typing import Any
 
 import control as ct
 import numpy as np
@@ -77,7 +78,7 @@ def prefilter(data: Data, *bands_hz: Band, order: int = 2, stop: bool = False) -
     return _mapped(done, passed)
 
 
-def idfilt(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: ArrayLike = 1.0) -> Data:
+def idfilt(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: ArrayLike | None = None) -> Data:
     """Filter outputs and inputs, one way and from rest.
 
     Parameters
@@ -86,8 +87,8 @@ def idfilt(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: 
         One experiment without gaps.
     numerator : array_like or control.TransferFunction
         Coefficients in q^-1, or a discrete system of one input and output with the step of the data.
-    denominator : array_like
-        Coefficients in q^-1.
+    denominator : array_like, optional
+        Coefficients in q^-1, 1 of a moving average; none beside a system.
 
     Returns
     -------
@@ -97,20 +98,28 @@ def idfilt(data: Data, numerator: ArrayLike | ct.TransferFunction, denominator: 
     Raises
     ------
     ValueError
-        A gap, a denominator that begins with 0, a system that is no filter.
+        A gap, a denominator that begins with 0 or is unstable, a system that is no filter, coefficients without a
+        denominator (two numbers might be a band: that is `prefilter`).
 
     Examples
     --------
     >>> from hoopd.ident import idfilt, iddata
-    >>> idfilt(iddata([1.0, 2.0, 4.0]), [1.0, -1.0]).y[:, 0]  # differences
+    >>> idfilt(iddata([1.0, 2.0, 4.0]), [1.0, -1.0], 1.0).y[:, 0]  # differences
     array([1., 1., 2.])
     """
     if isinstance(numerator, ct.TransferFunction):
         num, den = _coefficients(numerator, data)
+    elif denominator is None:
+        raise ValueError(
+            "coefficients in q^-1 want a denominator too (1 of a moving average); a band is prefilter(data, (low_hz, "
+            "high_hz))"
+        )
     else:
         num, den = np.atleast_1d(np.asarray(numerator, float)), np.atleast_1d(np.asarray(denominator, float))
     if den[0] == 0.0:
         raise ValueError("the denominator begins with 0: that filter would need the future")
+    if (radius := float(np.abs(np.roots(den)).max(initial=0.0))) >= 1.0:
+        raise ValueError(f"the filter is unstable: its denominator in q^-1 has a root of modulus {radius:.3g}")
     return _mapped(whole(data, "filter"), lambda values: np.asarray(signal.lfilter(num, den, values, axis=0)))
 
 
@@ -161,13 +170,13 @@ def resample(data: Data, ratio: float) -> Data:
     )  # fmt: skip
 
 
-def resample_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> ct.StateSpace | ct.TransferFunction:
+def resample_system(system: Any, dt: float) -> ct.StateSpace | ct.TransferFunction:
     """Give a discrete system at another step, its input held: to continuous time by the matrix logarithm, and back.
 
     Parameters
     ----------
-    system : control.StateSpace or control.TransferFunction
-        A discrete system.
+    system : control.StateSpace, control.TransferFunction or a result
+        A discrete system; of a result of this package its `system` from u to y (`d2d` brings the noise along).
     dt : float
         New step in s.
 
@@ -189,7 +198,7 @@ def resample_system(system: ct.StateSpace | ct.TransferFunction, dt: float) -> c
     >>> slower.A.round(6), slower.B.round(6)  # 0.9 ** 2 and 1 + 0.9
     (array([[0.81]]), array([[1.9]]))
     """
-    return c2d(d2c(system, "zoh"), dt, "zoh")
+    return c2d(d2c(getattr(system, "system", system), "zoh"), dt, "zoh")
 
 
 def resample_covariance(a: ArrayLike, q: ArrayLike, dt: float, new_dt: float) -> Array:

@@ -57,6 +57,9 @@ def fill_gaps(data: Data, method: Literal["linear", "pchip"] = "linear", longest
     >>> done.data.y[:, 0], done.filled[:, 0]
     (array([ 1.,  2.,  3., nan]), array([False,  True, False, False]))
     """
+    if method not in ("linear", "pchip"):
+        told = repr(method) if isinstance(method, str) else f"a {type(method).__name__}"
+        raise ValueError(f'a gap is filled by "linear" or "pchip", not {told}; by a model: smooth(model, data)')
     y = data.y.copy()
     for i in range(data.ny):
         y[:, i] = _interpolated(data.t, data.y[:, i], method, longest_s)
@@ -76,8 +79,6 @@ def _interpolated(t: Array, values: Array, method: str, longest_s: float) -> Arr
     if seen.all() or seen.sum() < 2:
         return values
     known = np.flatnonzero(seen)
-    if method not in {"linear", "pchip"}:
-        raise ValueError(f'a gap is filled by "linear" or "pchip", not {method!r}')
     inside = t[known[0] : known[-1] + 1]
     found = (
         np.interp(inside, t[known], values[known])

@@ -42,12 +42,14 @@ class IdentifiedModel:
         """The innovation form, from which simulation and prediction follow."""
         return ident.innovation_form(self.system)
 
-    def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
-        """Outputs (n, ny) from the inputs alone: of data, or of an input array (n,) or (n, nu) from rest."""
+    def simulate(self, data: Any, x0: Any = "estimate", *, seed: int | None = None) -> Any:
+        """Outputs (n, ny) from the inputs alone: of data, or of an input array (n,) or (n, nu) from rest; a list of
+        them of a list of experiments."""
         return ident.simulate(self, data, x0, seed=seed)
 
-    def predict(self, data: Data, horizon: float = 1, x0: Any = "estimate") -> Array:
-        """Outputs (n, ny) from the inputs and from the outputs up to `horizon` samples before."""
+    def predict(self, data: Any, horizon: float = 1, x0: Any = "estimate") -> Any:
+        """Outputs (n, ny) from the inputs and from the outputs up to `horizon` samples before; a list of them of a list
+        of experiments."""
         return ident.predict(self, data, horizon, x0)
 
     def residuals(self, data: Data | Sequence[Data], lags: int = 25) -> ResidualReport:

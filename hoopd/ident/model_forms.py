@@ -72,6 +72,11 @@ def predicting_form(model: Any, dt: float | None = None) -> Innovations | FreeMo
     )
 
 
+def root_form(model: Any) -> Innovations:
+    """The form whose poles and zeros are the model's: of one with a dead time the continuous one without it."""
+    return getattr(model, "undelayed", None) or innovation_form(model)
+
+
 def is_response(model: Any) -> bool:
     """Whether it is a frequency response of python-control."""
     ct = sys.modules.get("control")

@@ -9,12 +9,12 @@ Rules of this file: nothing is estimated but the initial state; every result has
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.data import Data, driving_data
+from hoopd.ident.data import Data, driving_data, experiments
 from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.model_forms import innovation_form, predicting_form
 from hoopd.ident.models import Innovations
@@ -32,7 +32,20 @@ SLOWEST = 3.0
 RAN_AWAY = 1e100
 
 
-def simulate(model: Any, data: Data | ArrayLike, x0: Start = "estimate", *, seed: int | None = None) -> Array:
+@overload
+def simulate(
+    model: Any, data: list[Data] | tuple[Data, ...], x0: Start = "estimate", *, seed: int | None = None
+) -> list[Array]: ...
+
+
+@overload
+def simulate(model: Any, data: Data | ArrayLike, x0: Start = "estimate", *, seed: int | None = None) -> Array: ...
+
+
+def simulate(
+    model: Any, data: Data | ArrayLike | list[Data] | tuple[Data, ...], x0: Start = "estimate", *,
+    seed: int | None = None,
+) -> Array | list[Array]:  # fmt: skip
     """Simulate a model: the outputs from the inputs alone.
 
     Parameters
@@ -40,7 +53,8 @@ def simulate(model: Any, data: Data | ArrayLike, x0: Start = "estimate", *, seed
     model : any model
         A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
     data : Data or array_like, shape (n,), (n, nu) or (nu, n)
-        Inputs; the outputs of data count for the initial state only. An array alone begins at rest.
+        Inputs; the outputs of data count for the initial state only. An array alone begins at rest. Of a list of
+        experiments each is simulated.
     x0 : {"estimate", "zero"} or array_like, shape (nx,)
         The initial state: the one that fits the first outputs best, rest, or a given one.
     seed : int, optional
@@ -49,7 +63,7 @@ def simulate(model: Any, data: Data | ArrayLike, x0: Start = "estimate", *, seed
     Returns
     -------
     ndarray, shape (n, ny)
-        The outputs.
+        The outputs; a list of them of several experiments.
 
     Raises
     ------
@@ -65,9 +79,12 @@ def simulate(model: Any, data: Data | ArrayLike, x0: Start = "estimate", *, seed
     >>> simulate(model, step, x0="zero")[:, 0]
     array([0.   , 1.   , 1.5  , 1.75 , 1.875])
     """
+    if isinstance(data, list | tuple) and data and isinstance(data[0], Data):
+        return [simulate(model, one, x0, seed=seed) for one in experiments(data)]
     form = predicting_form(model, data.dt if isinstance(data, Data) else None)
     if isinstance(form, FreeModel):
-        return form.simulate(data, x0, seed=seed)
+        inputs: Any = data
+        return form.simulate(inputs, x0, seed=seed)
     given = driving_data(data, form.ny, form.nu, form.dt or None)
     own = matched(form, given)
     start = _start(own, given, x0, simulation=True)
@@ -87,7 +104,19 @@ def _disturbance(model: Innovations, n: int, seed: int) -> Array:
     return out
 
 
-def predict(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array:
+@overload
+def predict(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") -> Array: ...
+
+
+@overload
+def predict(
+    model: Any, data: list[Data] | tuple[Data, ...], horizon: float = 1, x0: Start = "estimate"
+) -> list[Array]: ...
+
+
+def predict(
+    model: Any, data: Data | list[Data] | tuple[Data, ...], horizon: float = 1, x0: Start = "estimate"
+) -> Array | list[Array]:
     """Predict the outputs from the inputs, and from the outputs up to `horizon` samples before.
 
     The first samples, where so much is not known, are predicted from the initial state.
@@ -97,8 +126,8 @@ def predict(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") 
     ----------
     model : any model
         A result of this package, or a python-control system or FRD; a continuous one is sampled with held inputs.
-    data : Data
-        Inputs (n, nu) and outputs (n, ny).
+    data : Data or list of Data
+        Inputs (n, nu) and outputs (n, ny), of one or several experiments.
     horizon : int or inf
         Samples ahead; infinity simulates.
     x0 : {"estimate", "zero"} or array_like, shape (nx,)
@@ -107,7 +136,7 @@ def predict(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") 
     Returns
     -------
     ndarray, shape (n, ny)
-        The predictions.
+        The predictions; a list of them of several experiments.
 
     Raises
     ------
@@ -129,14 +158,17 @@ def predict(model: Any, data: Data, horizon: float = 1, x0: Start = "estimate") 
     >>> predict(model, data, 2)[2:, 0]
     array([1.  , 0.75])
     """
+    if isinstance(data, list | tuple) and data and isinstance(data[0], Data):
+        return [predict(model, one, horizon, x0) for one in experiments(data)]
     _needs_data(data)
+    assert isinstance(data, Data)
     if horizon == np.inf:
         return simulate(model, data, x0)
     form, h = predicting_form(model, data.dt), _whole(horizon)
     if isinstance(form, FreeModel):
         return form.predict(data, h, x0)
     own = matched(form, data)
-    said, passed = _run(own, data, _start(own, data, x0, simulation=False), correct=True)
+    said, passed = predict_states(own, data, x0)
     return said if h == 1 else _ahead(own, data, passed, h)
 
 
@@ -323,7 +355,8 @@ def _whole(horizon: float) -> int:
 
 def _needs_data(data: Any) -> None:
     if not isinstance(data, Data):
-        raise TypeError(f"data (iddata) are wanted, not a {type(data).__name__}")
+        experiments(data)  # says what it is instead
+        raise TypeError("one experiment is wanted: take them one by one")
 
 
 def matched(model: Any, data: Data) -> Innovations:
@@ -355,6 +388,11 @@ def _settled(free: Array, nx: int) -> int:
     radius = float(np.abs(np.linalg.eigvals(free)).max(initial=0.0))
     slowest = -1.0 / np.log(radius) if 0.0 < radius < 1.0 - 1e-9 else (1.0 if radius == 0.0 else np.inf)
     return int(min(max(np.ceil(SLOWEST * slowest), 2 * nx + 2), 1e9)) if np.isfinite(slowest) else 10**9
+
+
+def predict_states(model: Innovations, data: Data, x0: Start = "estimate") -> tuple[Array, Array]:
+    """One-step predictions (n, ny), and the states (n, nx) that they were made from; for code of this room."""
+    return _run(model, data, _start(model, data, x0, simulation=False), correct=True)
 
 
 def _run(model: Innovations, data: Data, start: Array, *, correct: bool) -> tuple[Array, Array]:

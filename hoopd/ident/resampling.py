@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from hoopd.ident.delayed_model import DelayedModel, undelayed
 from hoopd.ident.model_forms import innovation_form
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.sampling import continuous_form, sampled_form
@@ -18,7 +19,8 @@ def c2d(model: Any, dt: float) -> Innovations:
     Parameters
     ----------
     model : any model
-        A continuous one (dt = 0), a python-control system too; its q, r, s are densities.
+        A continuous one (dt = 0), a python-control system too; its q, r, s are densities. One with a dead time
+        (`srivc`'s, or what `d2c` gives) gets the inputs of the steps before as states.
     dt : float
         Step in s.
 
@@ -45,11 +47,17 @@ def c2d(model: Any, dt: float) -> Innovations:
     >>> lag.a.round(4), lag.b.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
     (array([[0.8187]]), array([[0.0906]]))
     """
-    return sampled_form(innovation_form(model), dt)
+    continuous = d2c(model) if has_dead_time(model) and not isinstance(model, DelayedModel) else model
+    if isinstance(continuous, DelayedModel):
+        return continuous.sampled(dt)
+    return sampled_form(innovation_form(continuous), dt)
 
 
-def d2c(model: Any) -> Innovations:
+def d2c(model: Any) -> Innovations | DelayedModel:
     """Give the continuous model that a sampled one comes from.
+
+    Whole steps of dead time of a polynomial model or a transfer function, beyond the one of the hold, are no part of
+    the continuous dynamics: they stand beside them.
 
     Parameters
     ----------
@@ -58,8 +66,9 @@ def d2c(model: Any) -> Innovations:
 
     Returns
     -------
-    Innovations
-        The continuous model (dt = 0); its q, r, s are densities.
+    Innovations or DelayedModel
+        The continuous model (dt = 0); its q, r, s are densities. With a dead time, which no finite state space has, it
+        is a model's `undelayed`, and the `delays` in s stand beside it.
 
     Raises
     ------
@@ -74,7 +83,14 @@ def d2c(model: Any) -> Innovations:
     >>> d2c(Innovations(np.exp(-0.2) * one, one, one, 0.0 * one, 0.0 * one, dt=0.1)).a.round(6)
     array([[-2.]])
     """
-    return continuous_form(innovation_form(model))
+    if isinstance(model, DelayedModel):
+        raise ValueError("the model is continuous already")
+    if has_dead_time(model):
+        form, delays = model.undelayed, model.delays
+    else:
+        bare, delays = undelayed(model)
+        form = continuous_form(innovation_form(bare))
+    return DelayedModel(form, delays) if any(delays) else form
 
 
 def d2d(model: Any, dt: float) -> Innovations:
@@ -107,3 +123,8 @@ def d2d(model: Any, dt: float) -> Innovations:
     (array([[0.81]]), array([[1.9]]))
     """
     return c2d(d2c(model), dt)
+
+
+def has_dead_time(model: Any) -> bool:
+    """Whether it is a continuous model with a dead time: `undelayed` and `delays`."""
+    return hasattr(model, "undelayed") and hasattr(model, "delays")

@@ -14,6 +14,7 @@ import numpy as np
 
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.identified_model import FreeModel
+from hoopd.ident.model_forms import root_form
 
 # Estimates and poles that are printed; the data hold all of them.
 MOST_ROWS = 40
@@ -129,8 +130,8 @@ def _channels(model: Any, system: Any) -> dict[str, Any]:
 def _poles(model: Any) -> dict[str, Any]:
     from hoopd.ident.confidence import pole_spread
 
-    own = model.state_space
-    if not np.triu(own.a).any():
+    own = root_form(model)
+    if own.dt > 0.0 and not np.triu(own.a).any():
         return {"poles": [], "stable": True}  # all at zero: a finite impulse response
     spread = pole_spread(model)
     roots = np.linalg.eigvals(own.a) if spread is None else spread.roots
@@ -141,7 +142,7 @@ def _poles(model: Any) -> dict[str, Any]:
         sd = None if spread is None else math.sqrt(max(float(np.trace(spread.covariances[i])), 0.0))
         poles.append({"re": z.real, "im": z.imag, "modulus": abs(z), "standard_error": _number(sd)})
     stable = bool((roots.real < 0.0).all() if own.dt == 0.0 else (np.abs(roots) < 1.0).all())
-    return {"poles": poles, "stable": stable}
+    return {"poles": poles, "stable": stable, "plane": "s" if own.dt == 0.0 else "z"}
 
 
 def _noise(model: Any) -> list[list[float]] | None:
@@ -182,8 +183,9 @@ def _lines(said: Mapping[str, Any]) -> Iterator[str]:
         yield from _table("estimate", "value", [(name, *_pair(value, sd)) for name, value, sd in rows])
     poles = said.get("poles", [])
     if poles:
+        size = "|s|" if said["plane"] == "s" else "|z|"
         yield from _table(
-            "pole", "|z|", [(_complex(one), *_pair(one["modulus"], one["standard_error"])) for one in poles]
+            "pole", size, [(_complex(one), *_pair(one["modulus"], one["standard_error"])) for one in poles]
         )  # fmt: skip
     yield from _judgement(said)
     for where, fits in said["fit_percent"].items():

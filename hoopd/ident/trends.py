@@ -5,12 +5,14 @@ Rules of this file: a new object each time; what is taken off is handed back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.data import Data, with_values
+from hoopd.ident.data import Data, experiments, with_values
 
 Array = NDArray[np.float64]
 
@@ -61,6 +63,8 @@ def trend(data: Data, order: int = 0) -> Trend:
     ------
     ValueError
         A channel with fewer samples than coefficients, or a negative order.
+    TypeError
+        Several experiments.
 
     Examples
     --------
@@ -71,6 +75,9 @@ def trend(data: Data, order: int = 0) -> Trend:
     >>> np.allclose(line.removed(data).y, 0.0), line.at(np.array([10.0]), line.y).round(6)
     (True, array([[21.]]))
     """
+    if not isinstance(data, Data):
+        experiments(data)  # says what it is instead
+        raise TypeError("a trend is of one experiment: take them one by one")
     if order < 0:
         raise ValueError(f"the order of a trend is 0 (mean), 1 (line) or more, not {order}")
     centre, span = float(np.mean(data.t)) if data.n else 0.0, max(data.dt * data.n / 2.0, data.dt)
@@ -79,19 +86,27 @@ def trend(data: Data, order: int = 0) -> Trend:
     return Trend(_fitted(basis, data.y, "y"), _fitted(basis, data.u, "u"), x, centre, span)
 
 
-def detrend(data: Data, order: int = 0) -> Data:
+@overload
+def detrend(data: Data, order: int = 0) -> Data: ...
+
+
+@overload
+def detrend(data: Sequence[Data], order: int = 0) -> list[Data]: ...
+
+
+def detrend(data: Data | Sequence[Data], order: int = 0) -> Data | list[Data]:
     """Take the mean, the line or a polynomial in time off every channel; `trend` tells what was taken off.
 
     Parameters
     ----------
-    data : Data
-        One experiment; gaps count not.
+    data : Data or sequence of Data
+        One or several experiments, each with a trend of its own; gaps count not.
     order : int
         0 is the mean, 1 the line.
 
     Returns
     -------
-    Data
+    Data or list of Data
         The data without it.
 
     Raises
@@ -105,6 +120,8 @@ def detrend(data: Data, order: int = 0) -> Data:
     >>> detrend(iddata([1.0, 2.0, 6.0])).y[:, 0]
     array([-2., -1.,  3.])
     """
+    if not isinstance(data, Data):
+        return [detrend(one, order) for one in experiments(data)]
     return trend(data, order).removed(data)
 
 

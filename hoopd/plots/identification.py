@@ -20,7 +20,7 @@ from hoopd.ident.measures import fit_percent
 from hoopd.ident.normal import Z95
 from hoopd.ident.residualtests import ResidualReport, Test
 from hoopd.ident.spectral import Correlation
-from hoopd.ident.step_responses import StepResponse
+from hoopd.ident.step_responses import TimeResponse
 from hoopd.plots import style
 
 Array = NDArray[np.float64]
@@ -63,22 +63,29 @@ class Roots:
 
 
 def draw_said(
-    data: Data, said: Mapping[str, Array], how: str, title: str = "", units: Mapping[str, str] | None = None
-) -> Figure:
-    """Each output with what models say of it (n, ny) by name, the fit in the legend; `how`: "simulated" or the like."""
-    names = data.outputs
-    made = style.figure(WIDTH_IN, 1.0 + 2.2 * len(names), rows=len(names), columns=1, title=title, sharex=True)
-    part = slice(0, MOST_SAMPLES)
-    for i, (axes, name) in enumerate(zip(made.axes, names, strict=True)):
+    each: Sequence[Data], said: Mapping[str, Sequence[Array]], how: str, title: str = "",
+    units: Mapping[str, str] | None = None,
+) -> Figure:  # fmt: skip
+    """Each output of each experiment with what models say of it (n, ny) by name, the fit there in the legend.
+
+    `how`: "simulated" or the like.
+    """
+    names, part = each[0].outputs, slice(0, MOST_SAMPLES)
+    rows = [(k, i) for k in range(len(each)) for i in range(len(names))]
+    made = style.figure(WIDTH_IN, 1.0 + 2.2 * len(rows), rows=len(rows), columns=1, title=title, sharex=len(each) == 1)
+    for axes, (k, i) in zip(made.axes, rows, strict=True):
+        data, name = each[k], names[i]
         axes.plot(data.t[part], data.y[part, i], color=MEASURED, linewidth=3.0, label="measured")
         for own, one in said.items():
             with np.errstate(all="ignore"):
-                percent = fit_percent(data.y[:, i], one[:, i])[0]
+                percent = fit_percent(data.y[:, i], one[k][:, i])[0]
             told = f"{percent:.1f} %" if np.isfinite(percent) else "diverges"
-            axes.plot(data.t[part], one[part, i], linewidth=1.1, label=f"{own}, {how}: {told}")
+            axes.plot(data.t[part], one[k][part, i], linewidth=1.1, label=f"{own}, {how}: {told}")
         _show_measured(axes, data.y[part, i])
+        called = name if len(each) == 1 else f"{name}, experiment {k + 1}"
         unit = (units or {}).get(name)
-        style.labelled(axes, "time (s)" if axes is made.axes[-1] else "", f"{name} ({unit})" if unit else name)
+        last = (k, i) == rows[-1] or (len(each) > 1 and i == len(names) - 1)
+        style.labelled(axes, "time (s)" if last else "", f"{called} ({unit})" if unit else called)
         style.legend(axes, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return made
 
@@ -255,21 +262,6 @@ def _ellipse(pole: complex, covariance: Array, colour: str) -> Ellipse:
     return Ellipse((pole.real, pole.imag), width, height, angle=angle, color=colour, alpha=0.25, linewidth=0.0)
 
 
-def draw_impulse(
-    t: Array, values: Mapping[str, Array], sd: Array | None = None, title: str = "Impulse response"
-) -> Figure:
-    """Impulse responses (k,) over t; `sd` (k,): the band about zero that chance alone would stay in."""
-    made = style.figure(WIDTH_IN, 3.4, title=title)
-    axes = made.axes[0]
-    if sd is not None:
-        _band(axes, t, np.zeros_like(t), SIGMAS * sd, style.GREY)
-    for (name, one), colour in zip(values.items(), _colours(len(values)), strict=True):
-        axes.plot(t, one, marker="o", markersize=3, linewidth=1.0, color=colour, label=name)
-    style.labelled(axes, "time (s)", "response (per unit and s)")
-    style.legend(axes)
-    return made
-
-
 def draw_coherence(w: Array, coherence: Mapping[str, Array], title: str = "Coherence") -> Figure:
     """Squared coherences (k,) over rad/s: what of an output is linear in the input."""
     made = style.figure(WIDTH_IN, 3.2, title=title)
@@ -297,10 +289,13 @@ def draw_spectra(
     return made
 
 
-def draw_steps(
-    answers: Mapping[str, StepResponse], outputs: Sequence[str], inputs: Sequence[str], title: str = "Step response"
+def draw_time_responses(
+    answers: Mapping[str, TimeResponse], outputs: Sequence[str], inputs: Sequence[str], title: str, to: str
 ) -> Figure:
-    """Responses by name to a step of each input, one picture for each output and input, with 95 % bands."""
+    """Responses by name to a signal of each input, one picture for each output and input, with 95 % bands.
+
+    `to`: "step" or "unit pulse".
+    """
     rows, columns = len(outputs), len(inputs)
     size = (WIDTH_IN, 1.0 + 2.4 * rows)
     made = style.figure(*size, rows=rows, columns=columns, title=title, sharex=True, squeeze=False)
@@ -312,7 +307,7 @@ def draw_steps(
                 half = SIGMAS * one.deviation[:, i, j]
                 low, high = one.y[:, i, j] - half, one.y[:, i, j] + half
                 axes.fill_between(one.t, low, high, step="post", color=colour, alpha=0.2, linewidth=0.0)
-        style.labelled(axes, "time (s)" if i == rows - 1 else "", f"{outputs[i]} per step of {inputs[j]}")
+        style.labelled(axes, "time (s)" if i == rows - 1 else "", f"{outputs[i]} per {to} of {inputs[j]}")
     if len(answers) > 1:
         style.legend(made.axes[0])
     return made

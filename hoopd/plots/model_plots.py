@@ -8,19 +8,22 @@ Rules of this file: what is drawn comes from `hoopd.ident` as it is; how it is d
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident import frequency_response, predict, residuals, step_response, tfest
+from hoopd.ident import frequency_response, impulse_response, predict, residuals, step_response, tfest
 from hoopd.ident.confidence import pole_spread, response_spread, zero_spread, zeros_of
 from hoopd.ident.data import Data, experiments
+from hoopd.ident.delayed_model import DelayedModel
 from hoopd.ident.identified_model import FreeModel
-from hoopd.ident.model_forms import innovation_form, is_response, named_models
+from hoopd.ident.model_forms import innovation_form, is_response, named_models, root_form
+from hoopd.ident.models import Innovations
 from hoopd.ident.spectral import FrequencyEstimate
+from hoopd.ident.step_responses import TimeResponse
 from hoopd.plots.identification import (
     MEASURED,
     Response,
@@ -30,7 +33,7 @@ from hoopd.plots.identification import (
     draw_response_matrix,
     draw_roots,
     draw_said,
-    draw_steps,
+    draw_time_responses,
 )
 
 Array = NDArray[np.float64]
@@ -41,6 +44,8 @@ LOWEST_SHARE, DECADES = 1e-3, 2.0
 POINTS = 300
 # Pairs of channels whose zeros are drawn one by one.
 MOST_PAIRS = 6
+# Experiments of a comparison that are drawn.
+MOST_EXPERIMENTS = 4
 # Coherence below which the data's own response tells nothing.
 COHERENT = 0.1
 
@@ -86,7 +91,7 @@ def compare_plot(
     models : any model, sequence of models, or mapping of str to any model
         Results of `hoopd.ident`, python-control systems or FRDs.
     data : Data or sequence of Data
-        Of several experiments the longest is drawn.
+        Of several experiments the first four are drawn, one below the other.
     horizon : int or inf
         Samples ahead; infinity is the simulation from the inputs alone.
     title : str
@@ -110,9 +115,9 @@ def compare_plot(
     >>> compare_plot({"lag": lag}, data).axes[0].get_legend_handles_labels()[1]
     ['measured', 'lag, simulated: 100.0 %']
     """
-    shown = max(experiments(data), key=lambda one: one.n)
+    shown = experiments(data)[:MOST_EXPERIMENTS]
     with np.errstate(over="ignore", invalid="ignore"):
-        said = {name: predict(model, shown, horizon) for name, model in named_models(models).items()}
+        said = {name: [predict(model, one, horizon) for one in shown] for name, model in named_models(models).items()}
     how = "simulated" if horizon == np.inf else f"{horizon:g} ahead"
     return draw_said(shown, said, how, title, units)
 
@@ -146,6 +151,8 @@ def resid(model: Any, data: Data | Sequence[Data], lags: int = 25, *, title: str
     >>> resid(arx(data, 1, 2), data).axes[0].get_title(loc="right").startswith("white: yes")
     True
     """
+    if isinstance(model, Mapping | list | tuple):
+        raise TypeError("the residuals of one model are drawn, not of several: call it for each")
     return draw_residuals(residuals(model, data, lags), title)
 
 
@@ -230,19 +237,55 @@ def step(models: Models, seconds: float | None = None, *, title: str = "Step res
     >>> step(arx(data, 1, 2), 5.0).axes[0].get_ylabel()
     'y per step of u'
     """
+    return _over_time(models, seconds, step_response, title, "step")
+
+
+def impulse(models: Models, seconds: float | None = None, *, title: str = "Impulse response") -> Figure:
+    """Draw the response of models to a pulse of each input of area one, with 95 % bands where there is a covariance.
+
+    Parameters
+    ----------
+    models : any model, sequence of models, or mapping of str to any model
+        Results of `hoopd.ident` (one of `impulseest` is drawn as it was estimated) or python-control systems.
+    seconds : float, optional
+        How long; until the slowest mode of the slowest model has fallen to a hundredth unless given.
+    title : str
+        Stands above.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, a picture for each output and input.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hoopd.ident import arx, iddata, impulseest
+    >>> from hoopd.plots import impulse
+    >>> u, e = np.random.default_rng(0).standard_normal((2, 500))
+    >>> data = iddata(np.concatenate([[0.0], u[:-1]]) + 0.1 * e, u)
+    >>> impulse({"ARX": arx(data, 1, 2), "no structure": impulseest(data, 20)}).axes[0].get_ylabel()
+    'y per unit pulse of u'
+    """
+    return _over_time(models, seconds, impulse_response, title, "unit pulse")
+
+
+def _over_time(
+    models: Models, seconds: float | None, answer: Callable[[Any, float | None], TimeResponse], title: str, to: str
+) -> Figure:
     named = named_models(models)
     for one in named.values():
-        if isinstance(one, FreeModel) or is_response(one):
-            raise TypeError(f"a {type(one).__name__} has no step response of its own")
+        if _without_form(one):
+            raise TypeError(f"a {type(one).__name__} has no response to a {to} of its own")
     first = next(iter(named.values()))
-    answers = {name: step_response(one, seconds) for name, one in named.items()}
+    answers = {name: answer(one, seconds) for name, one in named.items()}
     sizes = {one.y.shape[1:] for one in answers.values()}
     if len(sizes) > 1:
         raise ValueError("the models have different numbers of outputs or inputs: draw them one by one")
     if seconds is None and len(named) > 1:
         longest = max(float(one.t[-1]) for one in answers.values())
-        answers = {name: step_response(one, longest) for name, one in named.items()}
-    return draw_steps(answers, *_channels(first, *sizes.pop()), title)
+        answers = {name: answer(one, longest) for name, one in named.items()}
+    return draw_time_responses(answers, *_channels(first, *sizes.pop()), title, to)
 
 
 def pzmap(models: Models, *, title: str = "Poles and zeros") -> Figure:
@@ -271,11 +314,11 @@ def pzmap(models: Models, *, title: str = "Poles and zeros") -> Figure:
     ['ARX']
     """
     named = named_models(models)
-    continuous = {innovation_form(one).dt == 0.0 for one in named.values()}
+    continuous = {root_form(one).dt == 0.0 for one in named.values()}
     if len(continuous) > 1:
         raise ValueError("sampled and continuous models have no plane in common: draw them one by one")
     only = next(iter(named.values()))
-    pairs = innovation_form(only).ny * innovation_form(only).nu
+    pairs = root_form(only).ny * root_form(only).nu
     if len(named) == 1 and 1 < pairs <= MOST_PAIRS:
         sets = _by_pair(only)
     else:
@@ -293,13 +336,13 @@ Units = Mapping[str, str] | None
 
 def _root_set(name: str, model: Any) -> Roots:
     """Poles, and zeros of the first pair, with their covariances where the model has them."""
-    poles, zeros = _poles(model), _zeros(model, 0, 0) if innovation_form(model).nu else NONE
+    poles, zeros = _poles(model), _zeros(model, 0, 0) if root_form(model).nu else NONE
     return Roots(name, poles[0], zeros[0], poles[1], zeros[1])
 
 
 def _by_pair(model: Any) -> list[Roots]:
     """Poles once, zeros by output and input."""
-    form, poles = innovation_form(model), _poles(model)
+    form, poles = root_form(model), _poles(model)
     outputs, inputs = _channels(model, form.ny, form.nu)
     sets = [Roots("poles", poles[0], NONE[0], poles[1])]
     for i in range(form.ny):
@@ -312,14 +355,14 @@ def _by_pair(model: Any) -> list[Roots]:
 def _poles(model: Any) -> _Spread:
     spread = pole_spread(model)
     if spread is None:
-        return np.linalg.eigvals(innovation_form(model).a).astype(complex), ()
+        return np.linalg.eigvals(root_form(model).a).astype(complex), ()
     return spread.roots, spread.covariances
 
 
 def _zeros(model: Any, output: int, channel: int) -> _Spread:
     spread = zero_spread(model, output, channel)
     if spread is None:
-        return zeros_of(innovation_form(model), output, channel), ()
+        return zeros_of(root_form(model), output, channel), ()
     return spread.roots, spread.covariances
 
 
@@ -342,6 +385,8 @@ def _matrix(model: Any, w: Array) -> _Matrix:
     if is_response(model):
         kept = np.asarray(model.omega) > 0.0
         return _Matrix(np.asarray(model.omega)[kept], np.asarray(model.frdata)[:, :, kept])
+    if isinstance(model, DelayedModel):
+        return _Matrix(w, np.moveaxis(model.response(w), 0, 2))
     if isinstance(model, FreeModel):
         raise TypeError(f"a {type(model).__name__} is nonlinear: it has no frequency response")
     spread = response_spread(model, w)
@@ -366,15 +411,24 @@ def _measured(data: Data | Sequence[Data], w: Array) -> _Matrix:
     return _Matrix(found.w, found.h)
 
 
+def _without_form(model: Any) -> bool:
+    """Whether it is nonlinear, or known at frequencies alone."""
+    return is_response(model) or (isinstance(model, FreeModel) and not isinstance(model, DelayedModel))
+
+
+def _linear(model: Any) -> Innovations:
+    return model.undelayed if isinstance(model, DelayedModel) else innovation_form(model)
+
+
 def _axis(models: Sequence[Any], data: Data | Sequence[Data] | None) -> Array:
     steps = [] if data is None else [experiments(data)[0].dt]
-    forms = [innovation_form(one) for one in models if not isinstance(one, FreeModel) and not is_response(one)]
+    free = [one for one in models if _without_form(one)]
+    forms = [_linear(one) for one in models if not _without_form(one)]
     steps += [one.dt for one in forms if one.dt > 0.0]
     if steps:
         return np.asarray(np.geomspace(LOWEST_SHARE, 1.0, POINTS) * np.pi / min(steps), dtype=float)
-    own = [one for one in models if isinstance(one, FreeModel) or is_response(one)]
-    if own:
-        given = np.concatenate([np.asarray(getattr(one, "system", one).omega) for one in own])
+    if free:
+        given = np.concatenate([np.asarray(getattr(one, "system", one).omega) for one in free])
         return np.asarray(np.geomspace(given[given > 0.0].min(), given.max(), POINTS), dtype=float)
     sizes = np.abs(np.concatenate([np.linalg.eigvals(one.a) for one in forms]))
     sizes = sizes[sizes > 0.0] if (sizes > 0.0).any() else np.ones(1)

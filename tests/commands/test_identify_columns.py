@@ -141,6 +141,18 @@ def test_rows_that_are_missing_cut_and_uneven_ones_are_brought_to_a_step(
     assert told(folder, "uneven.csv", *asked, "--sample-time", "0.5")["fit_percent"]["simulation"]["Level"] > 60.0  # type: ignore[index]
 
 
+@pytest.mark.parametrize("method", ["arx", "oe", "armax", "bj"])
+def test_inputs_that_act_late_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    monkeypatch.chdir(folder)
+    orders = ("--orders", "2,2" if method in ("arx", "oe") else "2,2,1")
+    asked = ("run.csv", "--input", "Valve", "--output", "Level", "--method", method, *orders)
+    at_once, late = (
+        {name.split()[0] for name in told(folder, *asked, *more)["estimates"]}  # type: ignore[attr-defined]
+        for more in ((), ("--input-delay", "3"))
+    )
+    assert {"b1", "b2"} <= at_once and {"b4", "b5"} <= late and "b1" not in late
+
+
 BAD = [
     (("run.csv", "--input", "Valve"), "--output"),
     (("run.csv", "--input", "Valve", "--output", "Levle"), "no such column"),
@@ -154,6 +166,15 @@ BAD = [
     (("run.csv", "--input", "Valve", "--output", "Level", "--method", "magic"), "--method"),
     (("run.csv", "--input", "Valve", "--output", "Level", "--delay", "0.1"), "--delay"),
     (("run.csv", "--time", "Time"), "--time"),
+    (("run.csv",), "columns of any other file are named by --input COLUMN"),
+    (
+        ("run.csv", "--input", "Valve", "--output", "Level", "--method", "arx", "--orders", "2,2,3"),
+        "the samples by which inputs act late are --input-delay",
+    ),
+    (
+        ("run.csv", "--input", "Valve", "--output", "Level", "--method", "pem", "--input-delay", "2"),
+        "--input-delay: from 0 on, with arx, armax, oe, bj",
+    ),
     (("none.dat", "--input", "1", "--output", "2"), "none.dat"),
     (("run.csv", "--input", "Other", "--output", "Level", "--time", "Level"), "wrong unit 'm'"),
 ]

@@ -104,7 +104,7 @@ def test_any_model_comes_to_continuous_time_and_back() -> None:
     with pytest.raises(ValueError, match=r"sampled already, every 0.1 s: d2d"):
         c2d(model, DT)
     with pytest.raises(ValueError, match=r"a pole at zero \(a delay is one\)"):
-        d2c(arx(data(0), 1, 1, 3))
+        d2c(arx(data(0), 1, 1, 3).state_space)
 
 
 def test_what_is_printed_is_one_line() -> None:

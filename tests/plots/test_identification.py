@@ -18,7 +18,6 @@ from hoopd.plots.identification import (
     Roots,
     draw_coherence,
     draw_correlation,
-    draw_impulse,
     draw_orders,
     draw_residuals,
     draw_responses,
@@ -39,11 +38,11 @@ def data() -> Data:
 
 
 def test_measured_and_said_with_the_fit_in_the_legend(data: Data) -> None:
-    made = draw_said(data, {"arx": predict(MODEL, data), "free": simulate(MODEL, data)}, "one step ahead")
+    made = draw_said([data], {"arx": [predict(MODEL, data)], "free": [simulate(MODEL, data)]}, "one step ahead")
     texts = [text.get_text() for text in made.axes[0].get_legend().get_texts()]
     assert texts[0] == "measured" and texts[1].startswith("arx, one step ahead: ") and texts[1].endswith(" %")
     assert style.rendered(made, ".png") == style.rendered(
-        draw_said(data, {"arx": predict(MODEL, data), "free": simulate(MODEL, data)}, "one step ahead"), ".png"
+        draw_said([data], {"arx": [predict(MODEL, data)], "free": [simulate(MODEL, data)]}, "one step ahead"), ".png"
     )
 
 
@@ -80,8 +79,7 @@ def test_the_best_order_is_marked() -> None:
 
 
 def test_the_other_figures_are_drawn() -> None:
-    w, t = np.linspace(0.0, 10.0, 20), np.arange(20.0)
-    assert draw_impulse(t, {"fir": np.exp(-t)}, 0.1 * np.ones(20)).axes[0].collections
+    w = np.linspace(0.0, 10.0, 20)
     assert draw_coherence(w, {"u -> y": np.full(20, 0.9)}).axes[0].get_ylim()[1] > 1.0
     assert draw_spectra(w, {"y": (np.ones(20), 0.5 * np.ones(20), 2 * np.ones(20))}).axes[0].collections
 

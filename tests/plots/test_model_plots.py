@@ -50,7 +50,7 @@ def test_steps_have_bands_where_there_is_a_covariance(data: Data, two: Data) -> 
     assert len(axes.collections) == 1 and axes.get_legend_handles_labels()[1] == ["oe", "true"]
     grid = step(subspaceid(two, 3), 4.0).axes
     assert [one.get_ylabel() for one in grid[:2]] == ["level per step of pump", "level per step of valve"]
-    with pytest.raises(TypeError, match="has no step response of its own"):
+    with pytest.raises(TypeError, match="has no response to a step of its own"):
         step(tfest(data))
     with pytest.raises(ValueError, match="different numbers of outputs or inputs"):
         step([oe(data, 2, 2), subspaceid(two, 3)])

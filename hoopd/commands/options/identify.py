@@ -44,6 +44,12 @@ class IdentifyOptions:
     orders: tuple[int, ...] = option(
         "--orders", text="Polynomials: na,nb or na,nb,nc.", metavar="4,6", default="4,6", read=whole_numbers
     )
+    input_delay: int = option(
+        "--input-delay",
+        text="Polynomials: samples by which inputs act later than on the next one.",
+        metavar="SAMPLES",
+        default=0,
+    )
     order: int | None = option("--order", min=1, text="State space: states; without it the data choose.")
     outputs: tuple[str, ...] = option(
         "--outputs",

@@ -28,6 +28,8 @@ Criterion = Literal["aic", "aicc", "bic", "fpe", "validation"]
 
 # Errors below this share of the output's square are rounding of the Gram matrix: all such models fit alike.
 EXACT = 1e-12
+# Rows of a scan that are printed.
+SHOWN = 10
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,25 @@ class OrderCandidate:
 CRITERIA = {"aic": aic, "aicc": aicc, "bic": bic, "fpe": fpe}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OrderScan:
-    """All candidates of a scan, in the order na, nb, delay."""
+    """All candidates of a scan, in the order na, nb, delay; it prints as the best by BIC."""
 
     candidates: tuple[OrderCandidate, ...]
+
+    def __repr__(self) -> str:
+        """The best, the best first, a row each."""
+        order = sorted(self.candidates, key=lambda one: (one.criterion("bic"), one.parameters))
+        rows = [["na", "nb", "delay", "parameters", "variance", "validation"]]
+        for one in order[:SHOWN]:
+            nb, late = (",".join(map(str, counts)) for counts in (one.nb, one.delay))
+            held = "" if one.validation is None else f"{one.validation:.4g}"
+            rows.append([str(one.na), nb, late, str(one.parameters), f"{one.variance:.4g}", held])
+        head = rows[0] if order[0].validation is not None else rows[0][:-1]
+        width = [max(len(row[i]) for row in rows) for i in range(len(head))]
+        lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=False)) for row in rows]
+        more = len(order) - SHOWN
+        return "\n".join(lines + ([f"and {more} more, all by BIC; best(criterion) gives one"] if more > 0 else []))
 
     def best(self, name: Criterion = "bic") -> OrderCandidate:
         """The candidate with the least value; of equal ones that with fewer parameters."""

@@ -118,6 +118,8 @@ def structure(
     nu: int, na: int = 0, nb: Counts = (), nc: int = 0, nd: int = 0, nf: Counts = 0, delay: Counts = 1
 ) -> Structure:
     """Orders with one number for all inputs or one for each; ValueError where the counts do not fit."""
+    if not isinstance(na, int | np.integer):
+        raise TypeError(f"orders stand one by one, arx(data, 2, 2, 3), not as {na!r}")
     out = Structure(na, _each(nb, nu, "nb"), nc, nd, _each(nf, nu, "nf"), _each(delay, nu, "delay"))
     if min([na, nc, nd, *out.nb, *out.nf, *out.delay], default=0) < 0:
         raise ValueError("orders and delays are not negative")

@@ -112,7 +112,7 @@ def lpv_pem(data: Data, p: ArrayLike, order: int, *, start: Innovations | None =
     (array([[0.9]]), array([[0.5]]))
     """
     at = with_one(schedule_of(p, data.n))
-    first = pem(data, order) if start is None else start
+    first = pem(data, order, direct=False) if start is None else start
     none = at.shape[1] - 1
     a, b, k = (np.concatenate([one[None], np.zeros((none, *one.shape))]) for one in (first.a, first.b, first.k))
     x0 = np.zeros(first.nx) if first.x0 is None else first.x0

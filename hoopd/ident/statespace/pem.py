@@ -60,7 +60,7 @@ def pem(
     order: int | None = None,
     *,
     start: Innovations | None = None,
-    direct: bool = False,
+    direct: bool | None = None,
     focus: Focus = "prediction",
     horizon: int = 1,
     x0: Literal["estimate", "zero"] = "estimate",
@@ -88,8 +88,8 @@ def pem(
         States, of the subspace estimate that it starts from.
     start : Innovations, optional
         A model to begin with instead.
-    direct : bool
-        Whether D is estimated.
+    direct : bool, optional
+        Whether D is estimated; as the start has it, which is where the data tell that inputs act at once, unless given.
     focus : {"prediction", "simulation"}
         Errors `horizon` steps ahead, or those of the simulation (k = 0).
     horizon : int
@@ -146,6 +146,7 @@ def pem(
         check_record(each, drift=False)
         check_states(each, start.nx)
     model = _start(each, order, start, direct, focus, stable)
+    direct = bool(model.d.any()) if direct is None else direct
     limit = np.inf if stable is False else 1.0 - 1e-9 if stable is True else float(stable)
     given = None if weight is None else np.asarray(weight, dtype=float)
     problem = PemProblem(
@@ -192,7 +193,12 @@ def _stopped_early(found: Innovations, each: Sequence[Data], direct: bool, stabl
 
 
 def _start(
-    each: Sequence[Data], order: int | None, start: Innovations | None, direct: bool, focus: Focus, stable: bool | float
+    each: Sequence[Data],
+    order: int | None,
+    start: Innovations | None,
+    direct: bool | None,
+    focus: Focus,
+    stable: bool | float,
 ) -> Innovations:
     if start is None:
         try:
@@ -200,8 +206,9 @@ def _start(
         except ValueError:
             if all(one.complete for one in each):
                 raise
+            # lines through gaps look like inputs that act at once
             start = subspaceid(
-                [_filled(one) for one in each], order, direct=direct, focus=focus, stable=stable, refine=0
+                [_filled(one) for one in each], order, direct=bool(direct), focus=focus, stable=stable, refine=0
             )
     if (start.ny, start.nu) != (each[0].ny, each[0].nu):
         raise ValueError(f"the start has {start.ny} outputs and {start.nu} inputs, not those of the data")

@@ -25,7 +25,7 @@ def sampled_form(form: Innovations, dt: float) -> Innovations:
         raise ValueError(f"the model is sampled already, every {form.dt:g} s: d2d brings it to another step")
     if not 0.0 < dt < np.inf:
         raise ValueError(f"a step is a positive time in s, not {dt:g}")
-    hold = _hold(form.a, dt)
+    hold = held(form.a, dt)
     return replace(
         _matrices(form), a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
         q=None if form.q is None else sampled_noise(form.a, form.q, dt),
@@ -39,7 +39,7 @@ def continuous_form(form: Innovations) -> Innovations:
     if form.dt <= 0.0:
         raise ValueError("the model is continuous already")
     a = _logarithm(form.a) / form.dt
-    unhold = np.linalg.inv(_hold(a, form.dt))
+    unhold = np.linalg.inv(held(a, form.dt))
     return replace(
         _matrices(form), a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
         q=None if form.q is None else unsampled_noise(a, form.q, form.dt),
@@ -60,7 +60,7 @@ def unsampled_noise(a: Array, q: Array, dt: float) -> Array:
     """The density whose `sampled_noise` is q: a linear equation in its n^2 entries."""
     n = len(a)
     both = np.kron(a, np.eye(n)) + np.kron(np.eye(n), a)
-    return np.asarray(np.linalg.solve(_hold(both, dt), q.ravel()).reshape(n, n))
+    return np.asarray(np.linalg.solve(held(both, dt), q.ravel()).reshape(n, n))
 
 
 def sampled_cost(
@@ -112,7 +112,7 @@ def sampled_cost(
     return whole[:n, :n], whole[n:, n:], whole[:n, n:]
 
 
-def _hold(a: Array, dt: float) -> Array:
+def held(a: Array, dt: float) -> Array:
     """integral_0^dt exp(a t) dt."""
     n = len(a)
     return np.asarray(linalg.expm(np.block([[a, np.eye(n)], [np.zeros((n, 2 * n))]]) * dt)[:n, n:])
