@@ -18,7 +18,9 @@ RUNS = [path for path in PATHS if path.suffix == ".mcap"]
 
 # What replays otherwise by a decision that the changelog names, from where on, and in which field first.
 DECIDED = {
-    "01-lqg.mcap": "row 140 at 2.8000 s: u",  # the hoop's wanted speed goes on from one reference to another
+    # the hoop's wanted speed goes on from one reference to another, and back to the bottom
+    "01-lqg.mcap": "row 82 at 1.6400 s: u",
+    "05-hidden-effects.mcap": "row 100 at 2.0000 s: u",
     "06-effects-written-back.mcap": "row 3 at 0.0600 s: x_hat",  # dry friction that holds is given to the covariance
 }
 

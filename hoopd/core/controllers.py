@@ -94,6 +94,8 @@ class LqgGains:
 # A wanted hoop speed: by how much the ball's angle is ahead of the one that sustains it, and the sine of the largest.
 AHEAD = 2.0
 DRIVEN_SIN = 0.35
+# Sine of the least angle of the ball against which a hoop that a hand drove is braked.
+BRAKING_SIN = 0.06
 # A wanted speed so near to where it ends has arrived.
 STANDING_RAD_S = 1e-3
 
@@ -114,7 +116,8 @@ class Lqg:
     for a while; a hoop that is faster slows down with the ball at the bottom.
 
     A wanted hoop speed s is the same the other way round: r is twice the angle that sustains it, so that w is there
-    after ln 2 / hold_rate from rest, and w stops at s.
+    after ln 2 / hold_rate from rest, and w stops at s. Where the hand asks for less, or lets go, the ball is carried on
+    the other side, as far as w had carried it and at least 0.06 rad, until w is there.
     """
 
     def __init__(self, gains: LqgGains) -> None:
@@ -127,7 +130,7 @@ class Lqg:
             return 0.0, {}
         g = self.gains
         _, dtheta, psi, dpsi = measurement.x.tolist()
-        r, w = self._target(*self._wanted(measurement), measurement.dt)
+        r, w = self._target(measurement)
         hold = g.torque_per_sin * sin(r) + g.torque_per_speed * w
         # the ball's own turn of psi: a ball that went round the hoop is regulated to the nearest bottom
         off = psi - r
@@ -136,8 +139,8 @@ class Lqg:
         return torque, {"reference_rad": r, "reference_speed_rad_s": w, "hold_nm": hold}
 
     def reset(self) -> None:
-        """The hoop owes no speed to a reference."""
-        self._speed = 0.0
+        """The hoop owes no speed to a reference, nor to a hand."""
+        self._speed, self._by_hand = 0.0, False
 
     def follow(self, measurement: Measurement) -> tuple[float, Log]:
         """The torque while another law drives the hoop: what speed it has is owed to the reference already."""
@@ -150,7 +153,7 @@ class Lqg:
         """The hoop owes the same speed whatever the gains are."""
         if not isinstance(other, Lqg):
             return False
-        self._speed = other._speed
+        self._speed, self._by_hand = other._speed, other._by_hand
         return True
 
     def tune(self, key: str, value: float) -> bool:
@@ -181,13 +184,18 @@ class Lqg:
         # speed_per_sin sin r = AHEAD s
         return asin(AHEAD * speed / g.speed_per_sin), abs(speed)
 
-    def _target(self, reference: float, limit: float, dt: float) -> tuple[float, float]:
+    def _target(self, measurement: Measurement) -> tuple[float, float]:
         """Angle and hoop speed to go for now."""
         g, before = self.gains, self._speed
+        reference, limit = self._wanted(measurement)
         if not g.hold_rate > 0.0:
             self._speed = 0.0
             return reference, 0.0
-        stays = exp(-g.hold_rate * dt)
+        stays = exp(-g.hold_rate * measurement.dt)
+        by_hand = abs(measurement.speed) > 0.0 and self.speed_limit > 0.0
+        self._by_hand = by_hand or (self._by_hand and reference == 0.0 and before != 0.0)
+        if self._by_hand and abs(before) > (limit if by_hand else 0.0):
+            return self._braked(limit if by_hand else 0.0, stays)
         if abs(before) > limit:
             # too fast: it slows down by itself while the ball is at the bottom
             self._speed = copysign(max(limit, abs(before) * stays), before)
@@ -200,6 +208,15 @@ class Lqg:
             return reference, self._speed
         self._speed = copysign(limit, self._speed)
         return reference * self._speed / end, self._speed
+
+    def _braked(self, limit: float, stays: float) -> tuple[float, float]:
+        """A hoop that a hand drove slows down to `limit` against a ball that it carries on the other side."""
+        g, before = self.gains, self._speed
+        against = min(max(abs(before / g.speed_per_sin), BRAKING_SIN), DRIVEN_SIN)
+        end = -copysign(abs(g.speed_per_sin) * against, before)
+        speed = end + (before - end) * stays
+        self._speed = speed if speed * before > 0.0 and abs(speed) > limit else copysign(limit, before)
+        return asin(end / g.speed_per_sin), self._speed
 
 
 # ---------------------------------------------------------------------------------------------- LQG, identified model

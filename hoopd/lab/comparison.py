@@ -106,7 +106,7 @@ def compare(
     --------
     >>> import hoopd.lab as lab
     >>> lab.compare("lqg", "arx", blocks=8, seed=1).verdict
-    'better'
+    'worse'
     """
     with tempfile.TemporaryDirectory() as place:
         files = [_file(law, Path(place), name) for law, name in ((accepted, "accepted"), (candidate, "candidate"))]

@@ -151,7 +151,8 @@ class CurveScreen:
         out = []
         for track, columns, found in zip(self.fit.tracks, self.fit.columns, self.fit.gains, strict=True):
             f, eps = self._changes(track, part)
-            white = whitened(columns.model, found, f, eps)
+            with np.errstate(over="ignore", invalid="ignore"):  # what overflows is left out below
+                white = whitened(columns.model, found, f, eps)
             out.append(white.reshape(-1, white.shape[2]))
         # what is added to the model is taken from the residual
         return meaningful(-np.concatenate(out))

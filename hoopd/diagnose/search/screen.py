@@ -282,7 +282,8 @@ def _whitened_together(fit: HypothesisFit, changes: Sequence[tuple[Effect, Colum
     for track, columns, gains in zip(fit.tracks, fit.columns, fit.gains, strict=True):
         mine = [i for i, (_, column) in enumerate(changes) if column.recording in (None, track.stretch.recording)]
         f, eps = changed(track, fit, [changes[i] for i in mine])
-        white = whitened(columns.model, gains, f, eps)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is left out below
+            white = whitened(columns.model, gains, f, eps)
         rows = white.shape[0] * white.shape[1]
         # what is added to the model is taken from the residual
         out[first : first + rows, mine] = -white.reshape(rows, -1)
