@@ -78,7 +78,8 @@ def _after_practice(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
         found = identify_restitution(effects_of(model), recorded_throws(read_run(Path(practice["file"]))))
     except ValueError as error:
         return {**practice, "practice": told, "notes": [*practice["notes"], f"no restitution: {error}"], "exit": 1}
-    told |= {"restitution": found.value, "ci95": [found.low, found.high], "pictures": found.pictures}
+    told |= {"restitution": found.value, "ci95": [found.low, found.high], "pictures": found.pictures,
+             "explained": found.throws}  # fmt: skip
     trajectory = planned_with(model, TrajectoryOptions(kind=THROW, model=path), found.value)
     return {**_played(options, rig, trajectory, f"{THROW}.yaml"), "practice": told}
 

@@ -172,9 +172,7 @@ def test_a_small_reference_is_held(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.psi[held], 0.1, atol=0.015)
     assert run.dtheta[held][-1] == pytest.approx(23.0, abs=1.5)
     back = run.after(begin + 8.0)
-    assert (
-        np.abs(run.psi[back]).max() < 0.15 and run.psi[back].min() > -0.06
-    )  # stopped at once: -0.25
+    assert np.abs(run.psi[back]).max() < 0.15 and run.psi[back].min() > -0.06  # stopped at once: -0.25
     after = run.after(begin + 11.0)
     assert np.abs(run.psi[after]).max() < 0.02 and np.abs(run.dtheta[after]).max() < 2.5  # 23 exp(-0.79 3)
 

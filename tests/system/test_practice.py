@@ -37,8 +37,34 @@ def test_the_restitution_is_found_and_the_throw_is_planned_with_it(tmp_path: Pat
     # from one and the same recording another answer where the pictures are others
     throws = recorded_throws(read_run(tmp_path / "run_practice.mcap"))
     (one,) = throws
+    model = effects_of(load_model(MODEL))
+    strange = one._replace(distance=one.distance - 0.1 * np.sin(40.0 * one.t))
+    both, alone = (identify_restitution(model, told) for told in ([one, strange], [one]))
+    assert both == alone and alone.throws == 1
     on_track = one._replace(distance=np.where((one.t > one.start_t + 0.2) & (one.distance > 0.93), 1.0, one.distance))
-    assert identify_restitution(effects_of(load_model(MODEL)), [on_track]).value < 0.1
+    assert identify_restitution(model, [on_track]).value < 0.1
+
+
+def test_a_throw_that_nothing_explains_is_left_out_and_a_wide_interval_has_its_mean(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from hoopd.plants.hoop.maneuver import restitution as own
+
+    flat = 4e-5 + 1e-2 * np.maximum(own.TRIED - 0.3, 0.0)  # up to 0.3 all is alike
+    strange = 2e-3 - 1e-3 * (own.TRIED == 0.6)
+    courses = {0.0: flat, 1.0: strange}
+
+    class Simulated:
+        def __init__(self, found: object) -> None: ...
+
+        def fit(self, throw: own.RecordedThrow, e: float) -> own._Fit:
+            return own._Fit(float(courses[throw.start_t][np.abs(own.TRIED - e).argmin()]), 20, 6)
+
+    monkeypatch.setattr(own, "_Throws", Simulated)
+    throws = [own.RecordedThrow(np.zeros(4), t, 0.02, np.zeros(5), *np.zeros((3, 0))) for t in (0.0, 1.0)]
+    found = identify_restitution(effects_of(load_model(MODEL)), throws)
+    assert (found.low, found.throws, found.pictures) == (0.0, 1, 6)
+    assert 0.12 < found.value < 0.18 and 0.3 <= found.high < 0.35
 
 
 def test_a_ball_that_bounces_is_given_the_time() -> None:

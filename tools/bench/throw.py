@@ -67,7 +67,7 @@ def thrown(rig: SealedRig, model: Path, folder: Path, arm: str, practice: int = 
             )
         )  # fmt: skip
     except (InputError, ValueError) as error:
-        return {"success": False, "why": f"no plan: {str(error)[:80]}"}
+        return {"success": False, "why": f"no plan: {str(error)[-260:]}"}
     if result["maneuver"] != "throw" or len(result["attempts"]) != 1:
         return {"success": False, "why": f"no throw: {result['outcome']}"}
     loose = loose_s(own, rig)

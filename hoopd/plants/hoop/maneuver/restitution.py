@@ -3,7 +3,9 @@
 Every throw is simulated from two ticks before its flight, with the torques that were sent; where the ball was then and
 how fast are fitted with the restitution e. Only places in the air tell where it came from, and only distances from the
 axis how high it came back: what the touch did along the hoop is not asked. chi2(e) of all throws together has its least
-at the estimate; where it is 3.84 times its scatter above that, the 95 % interval ends.
+at the estimate; where it is 3.84 times its scatter above that, the 95 % interval ends. A throw that no e explains about
+as well as it does the best one is left out: something else happened in it. Where the interval is wide the estimate is
+the mean over it, and not whichever of equals noise prefers.
 
 Rules of this file: pictures and torques in, a number with an interval out; nothing is read.
 """
@@ -31,6 +33,10 @@ AFTER_S = 0.12
 CHI2_95 = 3.84
 # Steps of the fit of a throw's start, and its differences (rad, rad/s).
 STEPS, DIFFERENCES = 4, (1e-4, 1e-3)
+# A throw's mean square over the best one's from which on it is left out.
+WORSE = 6.0
+# An interval of so many tried ones is wide.
+WIDE = 5
 # A camera's scatter is not believed to be smaller, in shares of the track.
 LEAST_SCATTER = 5e-4
 
@@ -62,12 +68,13 @@ class RecordedThrow(NamedTuple):
 
 
 class Restitution(NamedTuple):
-    """An estimate with its 95 % interval, and from how many pictures after a touch."""
+    """An estimate with its 95 % interval, from how many pictures after a touch, and of how many throws."""
 
     value: float
     low: float
     high: float
     pictures: int
+    throws: int
 
 
 def identify_restitution(found: FoundEffects, throws: Sequence[RecordedThrow]) -> Restitution:
@@ -86,15 +93,25 @@ def identify_restitution(found: FoundEffects, throws: Sequence[RecordedThrow]) -
         No picture after a touch.
     """
     simulated = _Throws(found)
-    fits = [[simulated.fit(one, float(e)) for e in TRIED] for one in throws]
+    fits = _explained([[simulated.fit(one, float(e)) for e in TRIED] for one in throws])
     pictures = sum(row[0].after for row in fits)
     if not pictures:
         raise ValueError("no picture shows a ball after its touch")
     chi2 = np.sum([[one.square for one in row] for row in fits], axis=0)
-    freedom = max(sum(row[0].numbers for row in fits) - 2 * len(throws) - 1, 1)
+    freedom = max(sum(row[0].numbers for row in fits) - 2 * len(fits) - 1, 1)
     scatter = max(float(chi2.min()) / freedom, LEAST_SCATTER**2)
-    inside = TRIED[chi2 <= chi2.min() + CHI2_95 * scatter]
-    return Restitution(_vertex(chi2), float(inside[0]), float(inside[-1]), pictures)
+    above = (chi2 - chi2.min()) / scatter
+    inside = TRIED[above <= CHI2_95]
+    weights = np.exp(-above / 2.0)
+    value = float(weights @ TRIED / weights.sum()) if len(inside) > WIDE else _vertex(chi2)
+    return Restitution(value, float(inside[0]), float(inside[-1]), pictures, len(fits))
+
+
+def _explained(fits: list[list[_Fit]]) -> list[list[_Fit]]:
+    """The throws, a row of fits each, that some restitution explains about as well as it does the best one."""
+    own = [min(one.square for one in row) / max(row[0].numbers - 3, 1) for row in fits]
+    least = max(min(own), LEAST_SCATTER**2) if own else 0.0
+    return [row for row, scatter in zip(fits, own, strict=True) if scatter <= WORSE * least]
 
 
 def _vertex(chi2: Array) -> float:

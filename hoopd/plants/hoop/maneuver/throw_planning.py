@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 RUN_UP_S, CATCH_S = 0.8, 0.8
 # Of a run-up no contact can be kept: it ends where the force does.
 NO_MARGIN = 0.0
+# Ticks beyond the time that suits a part, one after another until there is a motion.
+MORE_TICKS = (0, 2, 6, 14)
 SECANTS, SAME_RAD_S = 4, 1e-6
 # After the touch: a ball of restitution 0.8 bounces for half a second.
 MOST_BOUNCING_TICKS = 30
@@ -90,16 +92,21 @@ def without_margin(question: ManeuverQuestion) -> ManeuverQuestion:
 def outer_part(
     model: PlanningModel, question: ManeuverQuestion, ends: MotionEnds, first_s: float, name: str
 ) -> CollocatedMotion:
-    """The motion of least effort between two ends, for the time that suits it, then for whole ticks of that."""
+    """The motion of least effort between two ends, for the time that suits it, then for whole ticks of that, or a few
+    more where that time leaves none."""
     groups = path_limits(model.structure, model.declared, question.limits, model.parameters, model.rate)
     problem = CollocationProblem(model.rate, groups, USUAL_TORQUE_NM)
     near = problem.solve(ends, straight(ends, whole_ticks(question, first_s), question.tick_s), question.tick_s,
                          time_cost=TIME_COST)  # fmt: skip
-    ticks = whole_ticks(question, near.seconds)
-    found = problem.solve(ends, stretched(near, ticks, question.tick_s), question.tick_s)
-    if not found.solved:
-        raise infeasible(found, f"no {name}")
-    return found
+    suits = whole_ticks(question, near.seconds)
+    first: CollocatedMotion | None = None
+    for more in MORE_TICKS:
+        found = problem.solve(ends, stretched(near, suits + more, question.tick_s), question.tick_s)
+        if found.solved:
+            return found
+        first = first or found
+    assert first is not None
+    raise infeasible(first, f"no {name}")
 
 
 def straight(ends: MotionEnds, ticks: int, tick_s: float) -> Array:
