@@ -44,6 +44,7 @@ from learning.loops import loop_costs  # noqa: E402
 
 from hoopd.commands.learn import Steps, record_until_settled  # noqa: E402
 from hoopd.commands.options.learn import LearnOptions  # noqa: E402
+from hoopd.commands.step_commands import StepError  # noqa: E402
 from hoopd.files.reading import InputError  # noqa: E402
 from hoopd.learn.campaign import Campaign, CampaignRequest, DiagnosedRun, RunFiles  # noqa: E402
 from hoopd.learn.choice import MENU, ChosenRun  # noqa: E402
@@ -140,9 +141,15 @@ def main() -> None:
             answer = device.answer()
             effects = tuple(one["name"] for one in answer["effects"])
             has_words = not any(one in OUTSIDE for one in effects)
-            runs, costs = campaign(device, arm, asked.most, k, answer, loops=asked.loops and has_words)
-            last_word = judged(effects, answer, runs)
-            use = max(max(one.most_angle_rad / 1.25, one.most_speed_rad_s / 45.0) for one in device.runs)
+            costs: dict[str, float] = {}
+            try:
+                runs, costs = campaign(device, arm, asked.most, k, answer, loops=asked.loops and has_words)
+                last_word = judged(effects, answer, runs)
+            except StepError as error:
+                # a campaign that breaks off has not come to the right law, whatever stopped it
+                last_word = {"runs": asked.most, "right": False, "names": [f"broke off: {error}"]}
+            uses = (max(one.most_angle_rad / 1.25, one.most_speed_rad_s / 45.0) for one in device.runs)
+            use = max(uses, default=0.0)
             nats = [one["nats"] for one in answer["effects"]]
             kept.add(
                 {"device": name, "hidden": effects, "nats": nats, "arm": arm, "use": use, **last_word, "costs": costs}
