@@ -207,9 +207,6 @@ if TYPE_CHECKING:
     from hoopd.ident.polynomial.recursive import RecursiveArx as RecursiveArx
     from hoopd.ident.polynomial.regression import regressors as regressors
     from hoopd.ident.prediction import (
-        error_system as error_system,
-    )
-    from hoopd.ident.prediction import (
         estimate_x0 as estimate_x0,
     )
     from hoopd.ident.prediction import (
@@ -219,11 +216,10 @@ if TYPE_CHECKING:
         prediction_error as prediction_error,
     )
     from hoopd.ident.prediction import (
-        predictor_system as predictor_system,
-    )
-    from hoopd.ident.prediction import (
         simulate as simulate,
     )
+    from hoopd.ident.predictor_systems import error_system as error_system
+    from hoopd.ident.predictor_systems import predictor_system as predictor_system
     from hoopd.ident.rationalfit import (
         fit_basis_response as fit_basis_response,
     )
@@ -331,7 +327,8 @@ _GIVEN = {
     "structure_search": "identify",
     "result_summary": "summary",
     "doubts": "IdentificationWarning",
-    "prediction": "simulate predict prediction_error estimate_x0 predictor_system error_system",
+    "prediction": "simulate predict prediction_error estimate_x0",
+    "predictor_systems": "predictor_system error_system",
     "smoothing": "smooth state_filter",
     "uncertain": "possible_models",
     "continuous_transfer": "srivc",

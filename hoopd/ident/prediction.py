@@ -9,7 +9,7 @@ Rules of this file: nothing is estimated but the initial state; every result has
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,9 +19,6 @@ from hoopd.ident.identified_model import FreeModel
 from hoopd.ident.model_forms import innovation_form, predicting_form
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.linear import states
-
-if TYPE_CHECKING:
-    import control as ct
 
 Array = NDArray[np.float64]
 Start = Literal["estimate", "zero"] | ArrayLike
@@ -164,7 +161,7 @@ def predict(
     assert isinstance(data, Data)
     if horizon == np.inf:
         return simulate(model, data, x0)
-    form, h = predicting_form(model, data.dt), _whole(horizon)
+    form, h = predicting_form(model, data.dt), whole_horizon(horizon)
     if isinstance(form, FreeModel):
         return form.predict(data, h, x0)
     own = matched(form, data)
@@ -202,82 +199,6 @@ def prediction_error(model: Any, data: Data, horizon: float = 1, x0: Start = "es
     0.2
     """
     return np.asarray(data.y - predict(model, data, horizon, x0))
-
-
-def predictor_system(model: Any, horizon: float = 1) -> ct.StateSpace:
-    """Give the predictor as a system from [u; y] to the prediction `horizon` samples ahead.
-
-    x(t|t-h) = x(t|t-1) - sum_{j=1}^{h-1} a^(j-1) k e(t-j), so beside the state of the one-step predictor the last h - 1
-    innovations are its states: yhat(t) follows from u up to t and y up to t - horizon.
-
-    Parameters
-    ----------
-    model : any model
-        A result of this package, or a python-control system.
-    horizon : int or inf
-        Samples ahead; infinity is the simulation, in which y plays no part.
-
-    Returns
-    -------
-    control.StateSpace
-        Inputs u, then y; outputs yhat.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import Polynomials, predictor_system
-    >>> model = Polynomials(1.0, a=np.array([1.0, -0.5]), b=(np.array([0.0, 2.0]),))
-    >>> predictor = predictor_system(model)  # yhat(t) = 0.5 y(t-1) + 2 u(t-1)
-    >>> predictor.C @ predictor.B
-    array([[2. , 0.5]])
-    """
-    import control as ct
-
-    own = innovation_form(model)
-    if horizon == np.inf:
-        b, d = np.hstack([own.b, np.zeros_like(own.k)]), np.hstack([own.d, np.zeros((own.ny, own.ny))])
-        return ct.StateSpace(own.a, b, own.c, d, own.dt)
-    held = _whole(horizon) - 1
-    shift = np.eye(own.ny * held, k=-own.ny)
-    first = np.eye(own.ny * held, own.ny)
-    # e = y - c x - d u enters the line of the last ones
-    a = np.block([[own.a - own.k @ own.c, np.zeros((own.nx, own.ny * held))], [-first @ own.c, shift]])
-    b = np.block([[own.b - own.k @ own.d, own.k], [-first @ own.d, first]])
-    back = [own.c @ np.linalg.matrix_power(own.a, j) @ own.k for j in range(held)]
-    c = np.hstack([own.c, *(-one for one in back)])
-    return ct.StateSpace(a, b, c, np.hstack([own.d, np.zeros((own.ny, own.ny))]), own.dt)
-
-
-def error_system(model: Any, horizon: float = 1) -> ct.StateSpace:
-    """Give the error filter as a system from [u; y] to y - yhat, `horizon` samples ahead.
-
-    Parameters
-    ----------
-    model : any model
-        A result of this package, or a python-control system.
-    horizon : int or inf
-        Samples ahead; infinity is the simulation.
-
-    Returns
-    -------
-    control.StateSpace
-        Inputs u, then y; outputs y - yhat.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from hoopd.ident import Polynomials, error_system
-    >>> model = Polynomials(1.0, a=np.array([1.0, -0.5]), b=(np.array([0.0, 2.0]),))
-    >>> error = error_system(model)  # y(t) - 0.5 y(t-1) - 2 u(t-1)
-    >>> error.D, error.C @ error.B
-    (array([[0., 1.]]), array([[-2. , -0.5]]))
-    """
-    import control as ct
-
-    said = predictor_system(model, horizon)
-    nu = said.ninputs - said.noutputs
-    own = np.hstack([np.zeros((said.noutputs, nu)), np.eye(said.noutputs)])
-    return ct.StateSpace(said.A, said.B, -said.C, own - said.D, said.dt)
 
 
 def estimate_x0(
@@ -347,7 +268,8 @@ def free_response(c: Array, free: Array, n: int) -> Array:
     return response
 
 
-def _whole(horizon: float) -> int:
+def whole_horizon(horizon: float) -> int:
+    """A number of samples; for code of this room."""
     if horizon < 1 or int(horizon) != horizon:
         raise ValueError(f"the horizon is a whole number of samples or infinite, not {horizon}")
     return int(horizon)

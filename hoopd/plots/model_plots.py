@@ -15,18 +15,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident import frequency_response, impulse_response, predict, residuals, step_response, tfest
-from hoopd.ident.confidence import pole_spread, response_spread, zero_spread, zeros_of
+from hoopd.ident import impulse_response, predict, residuals, step_response
+from hoopd.ident.confidence import pole_spread, zero_spread, zeros_of
 from hoopd.ident.data import Data, experiments
-from hoopd.ident.delayed_model import DelayedModel
-from hoopd.ident.identified_model import FreeModel
-from hoopd.ident.model_forms import innovation_form, is_response, named_models, root_form
-from hoopd.ident.models import Innovations
-from hoopd.ident.spectral import FrequencyEstimate
+from hoopd.ident.model_forms import named_models, root_form
 from hoopd.ident.step_responses import TimeResponse
 from hoopd.plots.identification import (
     MEASURED,
-    Response,
     Roots,
     draw_data,
     draw_residuals,
@@ -35,19 +30,15 @@ from hoopd.plots.identification import (
     draw_said,
     draw_time_responses,
 )
+from hoopd.plots.model_responses import matrix_of, measured_matrix, response_axis, without_form
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Lowest frequency that is drawn, of half of the sampling frequency; of a continuous model, decades about its poles.
-LOWEST_SHARE, DECADES = 1e-3, 2.0
-POINTS = 300
 # Pairs of channels whose zeros are drawn one by one.
 MOST_PAIRS = 6
 # Experiments of a comparison that are drawn.
 MOST_EXPERIMENTS = 4
-# Coherence below which the data's own response tells nothing.
-COHERENT = 0.1
 
 
 def plot(data: Data | Sequence[Data] | Mapping[str, Data], *, title: str = "", units: Units = None) -> Figure:
@@ -190,12 +181,12 @@ def bode(
     ['from the data', 'ARX']
     """
     named = named_models(models)
-    axis = _axis(list(named.values()), data) if w is None else np.asarray(w, dtype=float).reshape(-1)
-    drawn = {name: _matrix(model, axis) for name, model in named.items()}
+    axis = response_axis(list(named.values()), data) if w is None else np.asarray(w, dtype=float).reshape(-1)
+    drawn = {name: matrix_of(model, axis) for name, model in named.items()}
     first = next(iter(drawn.values()))
     if any(one.h.shape[:2] != first.h.shape[:2] for one in drawn.values()):
         raise ValueError("the models have different numbers of outputs or inputs: draw them one by one")
-    behind = {} if data is None else {"from the data": _measured(data, axis)}
+    behind = {} if data is None else {"from the data": measured_matrix(data, axis)}
     ny, nu = first.h.shape[:2]
     outputs, inputs = _channels(next(iter(named.values())), ny, nu)
     curves = [
@@ -275,7 +266,7 @@ def _over_time(
 ) -> Figure:
     named = named_models(models)
     for one in named.values():
-        if _without_form(one):
+        if without_form(one):
             raise TypeError(f"a {type(one).__name__} has no response to a {to} of its own")
     first = next(iter(named.values()))
     answers = {name: answer(one, seconds) for name, one in named.items()}
@@ -364,77 +355,6 @@ def _zeros(model: Any, output: int, channel: int) -> _Spread:
     if spread is None:
         return zeros_of(root_form(model), output, channel), ()
     return spread.roots, spread.covariances
-
-
-class _Matrix:
-    """Responses h (ny, nu, nw) at w with the standard errors of relative gain and phase, where they are known."""
-
-    def __init__(self, w: Array, h: Complex, gain: Array | None = None, phase: Array | None = None) -> None:
-        self.w, self.h, self.gain, self.phase = w, h, gain, phase
-
-    def entry(self, name: str, i: int, j: int, colour: str = "") -> Response:
-        """The curve of one output and input."""
-        gain = None if self.gain is None else self.gain[i, j]
-        phase = None if self.phase is None else self.phase[i, j]
-        return Response(name, self.w, self.h[i, j], gain, phase, colour)
-
-
-def _matrix(model: Any, w: Array) -> _Matrix:
-    if isinstance(model, FrequencyEstimate):
-        return _estimated(model, w)
-    if is_response(model):
-        kept = np.asarray(model.omega) > 0.0
-        return _Matrix(np.asarray(model.omega)[kept], np.asarray(model.frdata)[:, :, kept])
-    if isinstance(model, DelayedModel):
-        return _Matrix(w, np.moveaxis(model.response(w), 0, 2))
-    if isinstance(model, FreeModel):
-        raise TypeError(f"a {type(model).__name__} is nonlinear: it has no frequency response")
-    spread = response_spread(model, w)
-    if spread is None:
-        own = model if not hasattr(model, "system") else model.system
-        return _Matrix(w, np.asarray(frequency_response(own, w).frdata))
-    return _Matrix(
-        w, np.moveaxis(spread.h, 0, 2), np.moveaxis(spread.gain, 0, 2), np.moveaxis(spread.phase, 0, 2)
-    )  # fmt: skip
-
-
-def _estimated(found: FrequencyEstimate, w: Array) -> _Matrix:
-    """An estimate at its own frequencies within those that are drawn, gaps where it tells nothing."""
-    kept = (found.w >= w[0]) & (found.w <= w[-1]) & (found.w > 0.0)
-    h = np.where(found.coherence[kept].T[:, None, :] > COHERENT, found.system.frdata[:, :, kept], np.nan)
-    relative = found.deviation[:, :, kept] / np.maximum(np.abs(h), np.finfo(float).tiny)
-    return _Matrix(found.w[kept], h, relative, relative)
-
-
-def _measured(data: Data | Sequence[Data], w: Array) -> _Matrix:
-    found = _estimated(tfest(data), w)
-    return _Matrix(found.w, found.h)
-
-
-def _without_form(model: Any) -> bool:
-    """Whether it is nonlinear, or known at frequencies alone."""
-    return is_response(model) or (isinstance(model, FreeModel) and not isinstance(model, DelayedModel))
-
-
-def _linear(model: Any) -> Innovations:
-    return model.undelayed if isinstance(model, DelayedModel) else innovation_form(model)
-
-
-def _axis(models: Sequence[Any], data: Data | Sequence[Data] | None) -> Array:
-    steps = [] if data is None else [experiments(data)[0].dt]
-    free = [one for one in models if _without_form(one)]
-    forms = [_linear(one) for one in models if not _without_form(one)]
-    steps += [one.dt for one in forms if one.dt > 0.0]
-    if steps:
-        return np.asarray(np.geomspace(LOWEST_SHARE, 1.0, POINTS) * np.pi / min(steps), dtype=float)
-    if free:
-        given = np.concatenate([np.asarray(getattr(one, "system", one).omega) for one in free])
-        return np.asarray(np.geomspace(given[given > 0.0].min(), given.max(), POINTS), dtype=float)
-    sizes = np.abs(np.concatenate([np.linalg.eigvals(one.a) for one in forms]))
-    sizes = sizes[sizes > 0.0] if (sizes > 0.0).any() else np.ones(1)
-    return np.asarray(
-        np.geomspace(sizes.min() / 10.0**DECADES, sizes.max() * 10.0**DECADES, POINTS), dtype=float
-    )  # fmt: skip
 
 
 def _channels(model: Any, ny: int, nu: int) -> tuple[list[str], list[str]]:

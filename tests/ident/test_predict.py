@@ -11,7 +11,8 @@ from scipy import linalg
 
 from hoopd.ident.data import Data, experiments, iddata, runs
 from hoopd.ident.models import Innovations, Polynomials, innovations, state_space
-from hoopd.ident.prediction import error_system, estimate_x0, predict, prediction_error, predictor_system, simulate
+from hoopd.ident.prediction import estimate_x0, predict, prediction_error, simulate
+from hoopd.ident.predictor_systems import error_system, predictor_system
 
 BJ = Polynomials(
     0.1, a=np.array([1.0, -0.4]), b=(np.array([0.0, 1.0, 0.5]), np.array([0.3])), c=np.array([1.0, 0.4]),
