@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -26,6 +25,7 @@ from hoopd.daemon.loading import ControllerLoader
 from hoopd.daemon.report import Watch, operator_status, print_summary, status, status_line, summarise
 from hoopd.daemon.sinks import CommandSink, RecorderSink, TelemetrySink
 from hoopd.daemon.world import Say, World, camera_eye, device, lockstep, read_layout, realtime_rig, rig_devices
+from hoopd.files.installed_versions import installed_versions
 from hoopd.files.reading import InputError
 from hoopd.plants.model_file import load_model
 from hoopd.recording.mcap import Header
@@ -196,7 +196,8 @@ async def _run(
     with ExitStack() as stack:
         session = secrets.token_hex(SESSION_BYTES)
         loader = ControllerLoader(config, options.config, *(() if virtual else (tick, prepared)))
-        gate = Gate(Ranges(_both_ways(config.loop.reference_limit_rad), TUNABLE), loader.load)
+        limit = config.loop.reference_limit_rad
+        gate = Gate(Ranges((-limit, limit), TUNABLE), loader.load)
         operators = CommandSink(gate, session, lambda: operator_status(loop, gate, recorder, telemetry))
         if not virtual:
             _serve_commands(stack, options, config, reporter, operators)
@@ -321,7 +322,7 @@ def _recorder(
         model=texts.model,
         controller=texts.controller,
         law=texts.law,
-        versions={name: _version(name) for name in ("hoopd", "numpy", "casadi")},
+        versions=installed_versions("hoopd", "numpy", "casadi"),
         seed=options.seed if options.sim else None,
         session=session,
     )
@@ -392,18 +393,7 @@ def _serve_commands(
     stack.callback(_close, server.close, "commands")
 
 
-def _both_ways(limit: float) -> tuple[float, float]:
-    return -limit, limit
-
-
 def _close(close: Callable[[], bool], what: str) -> None:
     """Close within the helper's own bound; helpers are daemon threads, so one that hangs cannot hold the process."""
     if not close():
         sys.stderr.write(f"hoopd: {what} did not close in time\n")
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"

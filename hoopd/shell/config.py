@@ -22,10 +22,11 @@ from hoopd.core.health import Thresholds
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM
 from hoopd.core.ticksettings import TickSettings
 from hoopd.files.calibration import Calibrations, Part
-from hoopd.files.reading import ANY_NUMBER, InputError, load_yaml, os_reason, parse_yaml, read_text, to_struct
+from hoopd.files.config_layers import layer_of, merged_with, override_of
+from hoopd.files.reading import ANY_NUMBER, InputError, os_reason, to_struct
 from hoopd.files.records import Strict
 from hoopd.files.shipped import defaults_folder
-from hoopd.files.yaml_text import MAX_DEPTH, text_of
+from hoopd.files.yaml_text import text_of
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -274,16 +275,16 @@ class Config(Strict, frozen=True):
 
 def load(path: Path | None, *, sim: bool, overrides: list[str]) -> Config:
     """Configuration from its layers; InputError names file, key and reason."""
-    layers: list[tuple[object, dict[str, Any]]] = [_layer(defaults_folder() / "hoop.yaml")]
+    layers: list[tuple[object, dict[str, Any]]] = [layer_of(defaults_folder() / "hoop.yaml")]
     if sim:
-        layers.append(_layer(defaults_folder() / "sim.yaml"))
+        layers.append(layer_of(defaults_folder() / "sim.yaml"))
     if path is not None:
-        layers.append(_layer(path))
-    over = [_override(text) for text in overrides]
+        layers.append(layer_of(path))
+    over = [override_of(text) for text in overrides]
     layers += [*_calibration(layers + over, path), *over]
     merged: dict[str, Any] = {}
     for source, layer in layers:
-        merged = _merge(merged, layer)
+        merged = merged_with(merged, layer)
         config = to_struct(merged, Config, source)  # a mistake is reported with the layer that brought it
     _check_picture(config.camera, config.vision)
     return config
@@ -296,8 +297,8 @@ def load_to_ask(path: Path | None, overrides: list[str]) -> Config:
 
 def calibrations(path: Path | None, overrides: list[str]) -> Calibrations | None:
     """The folder of a device's calibrations, whatever lies in it; None where no configuration names one."""
-    layers = [_layer(path)] if path is not None else []
-    return _calibrations(layers + [_override(text) for text in overrides], path)
+    layers = [layer_of(path)] if path is not None else []
+    return _calibrations(layers + [override_of(text) for text in overrides], path)
 
 
 def calibration_part(data: dict[str, Any], source: object) -> Part:
@@ -382,28 +383,3 @@ def _without_secrets(data: Any) -> Any:
     if isinstance(data, dict):
         return {k: BLANK if _SECRET.search(str(k)) else _without_secrets(v) for k, v in data.items()}
     return [_without_secrets(item) for item in data] if isinstance(data, list | tuple) else data
-
-
-def _layer(path: Path) -> tuple[object, dict[str, Any]]:
-    return path, parse_yaml(read_text(path), path)
-
-
-def _override(text: str) -> tuple[object, dict[str, Any]]:
-    key, equals, value = text.partition("=")
-    source = f"--set {text}"
-    if not equals or not key:
-        raise InputError(source, "", "expected a.b=value")
-    nested, parts = load_yaml(value, source), key.split(".")
-    if len(parts) > MAX_DEPTH:
-        raise InputError(source, "", f"nested too deeply: {MAX_DEPTH} levels at most")
-    for part in reversed(parts):
-        nested = {part: nested}
-    return source, nested
-
-
-def _merge(base: dict[str, Any], top: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in top.items():
-        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = _merge(merged[key], value) if both else value
-    return merged
