@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from hoopd.plants import effects
-from hoopd.plants.declaration import Channel, DeclaredPlant, Input, Plant, Slot
+from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
+from hoopd.plants.former_declaration import DeclaredPlant
 from hoopd.plants.free_run import run
 from hoopd.plants.plant_with_effects import Composite
 
