@@ -13,7 +13,9 @@ from scipy.integrate import solve_ivp
 from hoopd.plants.effects.grammar.axes import INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanism import READING
 from hoopd.plants.effects.grammar.mechanisms import NAMED, mechanism_named, mechanisms
-from hoopd.plants.effects.grammar.memories import MEMORIES, PARTS, STOPS, MemoryLaw
+from hoopd.plants.effects.grammar.memories import MEMORIES
+from hoopd.plants.effects.grammar.memory_bodies import STOPS
+from hoopd.plants.effects.grammar.memory_law import PARTS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import LENS
 from hoopd.plants.effects.grammar.textbook import ACTUATOR, BODY, PLACE, RATE, ROLLING
 from hoopd.plants.effects.library import library

@@ -24,7 +24,7 @@ from hoopd.files.dimensions import product_text
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, phase
 from hoopd.plants.effects.grammar.axes import TIME, Axis
-from hoopd.plants.effects.grammar.memories import PARTS, MemoryLaw
+from hoopd.plants.effects.grammar.memory_law import PARTS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import WAVE, ShapeLaw
 from hoopd.plants.scales import usual_sizes
 

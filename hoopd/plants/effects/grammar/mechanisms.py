@@ -32,7 +32,8 @@ from hoopd.plants.effects.grammar.axes import (
 )
 from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
-from hoopd.plants.effects.grammar.memories import MEMORIES, MemoryLaw
+from hoopd.plants.effects.grammar.memories import MEMORIES
+from hoopd.plants.effects.grammar.memory_law import MemoryLaw
 from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, LENS, ShapeLaw, shapes_of
 from hoopd.plants.effects.grammar.textbook import textbook_names
 from hoopd.plants.effects.usual_sizes import input_with_article, units
