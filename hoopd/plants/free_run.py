@@ -23,14 +23,12 @@ from hoopd.plants.compiled import Chunks, kept
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.fingerprint import fingerprint
-from hoopd.plants.held_input import SAME_S, mean_inputs, node_axis
-from hoopd.plants.plant_with_effects import BENT_SUBSTEPS, FRICTION_SUBSTEPS, SMOOTH_SUBSTEPS, Composite
+from hoopd.plants.held_input import mean_inputs, node_axis
+from hoopd.plants.plant_with_effects import Composite
+from hoopd.plants.run_steps import MOST_AT_ONCE, longest_step_s, nodes_of_run, steps_at_once
 from hoopd.plants.sensor_readings import SensorReadings, node_index
 
 Array = NDArray[np.float64]
-
-# Steps that are written out in one function: more would take longer to be made than to be run.
-MOST_AT_ONCE = 10
 
 # Of a run, states and derivatives of all steps: 0.8 GB.
 MOST_NUMBERS = 10**8
@@ -97,7 +95,7 @@ class FreeRun:
         self.free, self.values = tuple(free), {name: known.get(name, value) for name, value in c.values.items()}
         if unknown := [name for name in self.free if name not in c.names]:
             raise ValueError(f"{plant.name} has no parameter {', '.join(unknown)}")
-        self.step_s = min(plant.time_scale_s / 2.0 if step_s is None else step_s, _longest_step_s(c, held))
+        self.step_s = min(plant.time_scale_s / 2.0 if step_s is None else step_s, longest_step_s(c, held))
         # what the equations are made of: neither nominal values nor what judges recordings
         made_of = (plant.states, plant.accelerations, plant.rates, plant.inputs, plant.channels, plant.held)
         self._key = (
@@ -130,7 +128,7 @@ class FreeRun:
         c = self.composite
         t, u, _ = node_axis(t, u, len(c.plant.inputs))
         values = self._told(p)
-        nodes = _union(t, u, c.delay_s(values), []) if c.delays else t
+        nodes = nodes_of_run(t, u, c.delay_s(values), []) if c.delays else t
         z, s = self._run(values, np.asarray(x0, float), nodes, t, u, derivatives)
         at = node_index(nodes, t) if len(nodes) > len(t) else slice(None)
         return z[at, : c.nx], s[at, : c.nx]
@@ -146,7 +144,7 @@ class FreeRun:
         c = self.composite
         t, u, _ = node_axis(t, u, len(c.plant.inputs))
         values = self._told(p)
-        nodes = _union(t, u, c.delay_s(values), [d for d in self._sensors.latencies_s(values) if d > 0.0])
+        nodes = nodes_of_run(t, u, c.delay_s(values), [d for d in self._sensors.latencies_s(values) if d > 0.0])
         z, s = self._run(values, np.asarray(x0, float), nodes, t, u, derivatives)
         readings, by = self._sensors.at(t, values, nodes, u, z, s)
         at = node_index(nodes, t)
@@ -173,7 +171,7 @@ class FreeRun:
             raise InputError(name, "", f"{reason}, more than memory holds: cut it, or take longer steps")
         steps, plain = steps.astype(int), len(first) == self.composite.nz
         # rows of as many steps as divide those of every interval
-        at_once = _steps_at_once(steps) if plain else 1
+        at_once = steps_at_once(steps) if plain else 1
         uneven = plain and at_once == 1 and steps.sum() > MOST_AT_ONCE
         step = h / steps
         steps //= at_once
@@ -294,43 +292,6 @@ class FreeRun:
 
     def _after(self, z: Any, u: Any, h: Any, t: Any, p: Any) -> Any:
         return self.composite.step_function(z, u.T, ca.SX.zeros(self.composite.nw), h, t, p)
-
-
-def _longest_step_s(composite: Composite, held: Mapping[str, float]) -> float:
-    """The Runge-Kutta step that the effects need: of a delay none, for no step crosses a change of an input."""
-    wishes = [_wished_substeps(effect, held) for effect in composite.effects if effect.delay is None]
-    dry = any(effect.friction is not None for effect in composite.effects)
-    least = max(1, FRICTION_SUBSTEPS if dry else 0, BENT_SUBSTEPS if composite.reads_bent else 0)
-    return composite.longest_step_s / max(least, *wishes, 0)
-
-
-def _wished_substeps(effect: Effect, held: Mapping[str, float]) -> int:
-    """What an effect asks for; one that comes back so many times a turn asks for the finest there may be."""
-    turns = [one for one in effect.parameters if one.discrete and np.isfinite(one.high)]
-    known = [held[effect.key(one.name)] / one.high for one in turns if effect.key(one.name) in held]
-    if len(known) < len(turns) or not turns:
-        return effect.substeps
-    return min(effect.substeps, max(SMOOTH_SUBSTEPS, int(np.ceil(max(known) * effect.substeps))))
-
-
-def _steps_at_once(steps: NDArray[np.int64]) -> int:
-    """The largest number up to `MOST_AT_ONCE` that divides the steps of every interval."""
-    common = int(np.gcd.reduce(steps))
-    return max(count for count in range(1, MOST_AT_ONCE + 1) if common % count == 0)
-
-
-def _union(t: Array, u: Array, delay_s: float, late: Sequence[float]) -> Array:
-    """Nodes: those of the axis, where a late input changes, where a late reading was taken; t itself if that is all."""
-    parts = []
-    if delay_s > 0.0:
-        changes = t[1:-1][(np.diff(u, axis=0) != 0.0).any(axis=1)] + delay_s
-        parts.append(changes[changes < t[-1]])
-    for d in late:
-        parts.append((t - d)[t - d > t[0]])
-    if not parts:
-        return t
-    nodes = np.sort(np.concatenate([t, *parts]))
-    return np.asarray(nodes[np.concatenate([[True], np.diff(nodes) > SAME_S])])
 
 
 # ---------------------------------------------------------------------------------------------- one run
