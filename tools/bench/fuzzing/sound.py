@@ -20,6 +20,7 @@ from harness import matlab_table
 from fuzzing import schema
 from fuzzing.plants import MOST
 from hoopd.daemon.app import Options, run_daemon
+from hoopd.files.reading import parse_yaml
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.yaml_text import text_of
 from hoopd.plants.registry import FOLDER
@@ -95,7 +96,7 @@ def _example(page: str) -> Any:
 
 def _table(path: Path) -> None:
     text = (defaults_folder() / "controllers/lqg.yaml").read_text()
-    data = configuration.parse_yaml(text, path)
+    data = parse_yaml(text, path)
     around = {"kind": "lqg", "gains": data["gains"]}
     limits = {"torque_nm": 0.3, "hoop_speed_rad_s": 45.0, "ball_angle_rad": 1.25}
     ticks = {"soft_start_ticks": 5, "soft_end_ticks": 5, "centring_nm_per_rad_s": 0.01}

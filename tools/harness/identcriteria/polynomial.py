@@ -27,7 +27,8 @@ from hoopd.ident.polynomial.estimators import (
 )
 from hoopd.ident.polynomial.plr import plr
 from hoopd.ident.polynomial.structure import structure
-from hoopd.ident.prediction import error_system, predict, simulate
+from hoopd.ident.prediction import predict, simulate
+from hoopd.ident.predictor_systems import error_system
 
 # ------------------------------------------------------------------------------------------------- 1 to 5: ARX, PLR
 

@@ -17,7 +17,8 @@ from harness.identcriteria.statespacesets import made, output_error, random_mode
 from hoopd.ident.conditioning import predictor_data
 from hoopd.ident.data import Data
 from hoopd.ident.models import Innovations
-from hoopd.ident.prediction import error_system, estimate_x0, free_response, prediction_error, simulate
+from hoopd.ident.prediction import estimate_x0, free_response, prediction_error, simulate
+from hoopd.ident.predictor_systems import error_system
 from hoopd.ident.statespace import sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
 from hoopd.ident.statespace.frequencysubspace import GivenMatrices, frequency_subspace
