@@ -20,7 +20,7 @@ from scipy import linalg
 
 from hoopd.ident.continuous_transfer import ContinuousTransfer, companion
 from hoopd.ident.impulse import Impulse
-from hoopd.ident.models import Innovations, Polynomials, state_space
+from hoopd.ident.models import Innovations, Polynomials, response_at, state_space
 from hoopd.ident.polynomial.arx import VectorArx
 from hoopd.ident.stacked_models import StackedModels
 from hoopd.ident.statespace import coordinates
@@ -117,8 +117,8 @@ def response_spread(model: Estimated, w: ArrayLike) -> ResponseSpread | None:
         return None
     own = known.made(known.values)
     z = np.exp(1j * np.asarray(w, dtype=float) * own.dt)
-    h = _response(own, z)
-    change = known.change(lambda one: _response(one, z))
+    h = response_at(own, z)
+    change = known.change(lambda one: response_at(one, z))
     # d ln h = d|h|/|h| + j d arg h
     relative = known.spread(change / h[..., None])
     return ResponseSpread(h, np.sqrt(relative[..., 0, 0]), np.sqrt(relative[..., 1, 1]))
@@ -200,8 +200,8 @@ def zero_spread(model: Estimated, output: int, channel: int = 0) -> RootSpread |
         return None
     own = known.made(known.values)
     zeros = zeros_of(own, output, channel)
-    slope = [_response(own, zeros + step)[:, output, channel] for step in (APART, -APART)]
-    change = known.change(lambda one: _response(one, zeros)[:, output, channel])
+    slope = [response_at(own, zeros + step)[:, output, channel] for step in (APART, -APART)]
+    change = known.change(lambda one: response_at(one, zeros)[:, output, channel])
     return _roots(known, zeros, -change / ((slope[0] - slope[1]) / (2.0 * APART))[:, None], own.dt)
 
 
@@ -229,11 +229,6 @@ def _roots(known: Coefficients, roots: Complex, change: Complex, dt: float) -> R
 def _nearest(before: Complex, after: Complex) -> Complex:
     """`after` in the order of `before`."""
     return np.array([after[np.abs(after - one).argmin()] for one in before], dtype=complex)
-
-
-def _response(model: Innovations, z: Complex) -> Complex:
-    minus = z[:, None, None] * np.eye(model.nx) - model.a
-    return np.asarray(model.c @ np.linalg.solve(minus, np.broadcast_to(model.b, (len(z), *model.b.shape))) + model.d)
 
 
 # ------------------------------------------------------------------------------------------- coefficients of a model

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from hoopd.ident.data import Data, experiments
+from hoopd.ident.data import Data, one_experiment
 from hoopd.ident.estimation_report import EstimationReport, chosen, estimated
 from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.models import Innovations, standard_errors
@@ -128,9 +128,7 @@ def srivc(data: Data, poles: int, zeros: int | None = None, *, delay: float | No
     >>> found.den.round(1), found.num.round(1), round(found.delay, 2)
     (array([1. , 0.6, 1. ]), array([2.]), 0.5)
     """
-    if not isinstance(data, Data):
-        experiments(data)  # says what it is instead
-        raise TypeError("srivc takes one experiment")
+    one_experiment(data, "srivc")
     single([data])
     m = poles - 1 if zeros is None else zeros
     if data.nu != 1:

@@ -239,6 +239,14 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
     return each
 
 
+def one_experiment(data: Any, what: str) -> Data:
+    """The data, if it is one experiment; TypeError that says what it is instead."""
+    if not isinstance(data, Data):
+        experiments(data)
+        raise TypeError(f"{what} takes one experiment: take them one by one")
+    return data
+
+
 def _no_data(called: str, each: Sequence[Any]) -> str:
     told = f"data (iddata) are wanted, not {'an' if called[:1].lower() in 'aeiou' else 'a'} {called}"
     if any(hasattr(one, "filled") for one in each):

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
 
 from hoopd import ident
 from hoopd.ident.estimation_report import EstimationReport
 from hoopd.ident.identified_model import FreeModel
-from hoopd.ident.models import Innovations, Polynomials
+from hoopd.ident.models import Innovations, Polynomials, response_at
 from hoopd.ident.statespace.sampling import held, sampled_form
 
 if TYPE_CHECKING:
@@ -78,10 +79,8 @@ class DelayedModel(FreeModel):
 
     def response(self, w: ArrayLike) -> Complex:
         """(nw, ny, nu) at w in rad/s, dead times included."""
-        own, axis = self.undelayed, np.asarray(w, dtype=float).reshape(-1)
-        minus = 1j * axis[:, None, None] * np.eye(own.nx) - own.a
-        h = own.c @ np.linalg.solve(minus, np.broadcast_to(own.b, (len(axis), *own.b.shape))) + own.d
-        return np.asarray(h * np.exp(-1j * axis[:, None, None] * np.array(self.delays)))
+        s = 1j * np.asarray(w, dtype=float).reshape(-1)
+        return np.asarray(response_at(self.undelayed, s) * np.exp(-s[:, None, None] * np.array(self.delays)))
 
     def simulate(self, data: Data | ArrayLike, x0: Any = "estimate", *, seed: int | None = None) -> Array:
         """Outputs (n, ny) from the inputs of data alone."""
@@ -161,7 +160,7 @@ def _with_past_inputs(whole: Innovations, free: Innovations, delays: Sequence[fl
     a[:n, :n], c[:, :n] = whole.a, whole.c
     for j, (m, f) in enumerate(parts):
         old = held(free.a, f) @ free.b[:, j] if f > 0.0 else np.zeros(n)
-        before = _exp(free.a, dt - f) @ old
+        before = linalg.expm(free.a * (dt - f)) @ old
         recent = held(free.a, dt - f) @ free.b[:, j]
         for late, force in ((m + 1, before), (m, recent)):
             if late == 0:
@@ -189,9 +188,3 @@ def _split(delay: float, dt: float) -> tuple[int, float]:
     m = int(np.floor(delay / dt + WHOLE))
     rest = delay - m * dt
     return m, rest if rest > WHOLE * dt else 0.0
-
-
-def _exp(a: Array, t: float) -> Array:
-    from scipy.linalg import expm
-
-    return np.asarray(expm(a * t))

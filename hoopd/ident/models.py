@@ -266,6 +266,12 @@ class Innovations(IdentifiedModel):
         )
 
 
+def response_at(model: Innovations, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Response (k, ny, nu) from u at points z (k,) of the plane of the model; for code of this room."""
+    minus = z[:, None, None] * np.eye(model.nx) - model.a
+    return np.asarray(model.c @ np.linalg.solve(minus, np.broadcast_to(model.b, (len(z), *model.b.shape))) + model.d)
+
+
 Model = Polynomials | Innovations
 
 

@@ -47,10 +47,9 @@ def c2d(model: Any, dt: float) -> Innovations:
     >>> lag.a.round(4), lag.b.round(4)  # exp(-0.2) and (1 - exp(-0.2))/2
     (array([[0.8187]]), array([[0.0906]]))
     """
-    continuous = d2c(model) if has_dead_time(model) and not isinstance(model, DelayedModel) else model
-    if isinstance(continuous, DelayedModel):
-        return continuous.sampled(dt)
-    return sampled_form(innovation_form(continuous), dt)
+    if has_dead_time(model):
+        return DelayedModel(model.undelayed, model.delays).sampled(dt)
+    return sampled_form(innovation_form(model), dt)
 
 
 def d2c(model: Any) -> Innovations | DelayedModel:

@@ -12,7 +12,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.data import Data, experiments, with_values
+from hoopd.ident.data import Data, experiments, one_experiment, with_values
 
 Array = NDArray[np.float64]
 
@@ -75,9 +75,7 @@ def trend(data: Data, order: int = 0) -> Trend:
     >>> np.allclose(line.removed(data).y, 0.0), line.at(np.array([10.0]), line.y).round(6)
     (True, array([[21.]]))
     """
-    if not isinstance(data, Data):
-        experiments(data)  # says what it is instead
-        raise TypeError("a trend is of one experiment: take them one by one")
+    one_experiment(data, "a trend")
     if order < 0:
         raise ValueError(f"the order of a trend is 0 (mean), 1 (line) or more, not {order}")
     centre, span = float(np.mean(data.t)) if data.n else 0.0, max(data.dt * data.n / 2.0, data.dt)
