@@ -1,6 +1,7 @@
 """A ball on top of the inner hoop, held against disturbances: the region, and runs that begin in it; and thrown there.
 
-python tools/bench/up.py [--disturbances 100] [--seconds 30] [--radius 0.0445] [--off 0] [--rigs 0] [--json FILE]
+python tools/bench/up.py [--disturbances 100] [--seconds 30] [--radius 0.0445] [--off 0] [--json FILE]
+python tools/bench/up.py --rigs 100 [--first 0] [--arms found,refit,nominal] [--json FILE]
 
 The plant alone with the daemon's filter, in the daemon's time-line: a camera that is two frames late and has noise, an
 encoder with counts, torques that act when they arrive. Hands hold the ball near the top and let it go with a push. The
@@ -8,9 +9,10 @@ region is found first (`hoopd.plants.hoop.maneuver.balance`), then disturbances 
 noise. `--off 0.1`: the plant's inertias and frictions are drawn a tenth off, up or down, for every run.
 
 `--rigs N`: so many rigs whose inertias and frictions are a tenth off, up or down, and whose balls bounce with a
-restitution of 0 to 0.4; radii and mass are known, as who measures them does. Each is recorded for 40 s, `hoopd fit`
-makes a model of that, `hoopd design lqg` a law, and `hoopd maneuver up` is played once; beside it with the shipped
-model. Exit code 1 when a disturbance was not held.
+restitution of 0 to 0.4; radii and mass are known, as who measures them does. Each is recorded for 40 s, `hoopd
+diagnose` and `hoopd fit` make a model each of that, `hoopd design lqg` a law, and `hoopd maneuver up` is played once;
+beside it with the shipped model. With `--json` it goes on with the rigs that the file does not have. Exit code 1 when a
+disturbance was not held.
 """
 
 from __future__ import annotations
@@ -101,13 +103,15 @@ def with_inner(model: ModelFile, radius_m: float) -> ModelFile:
     return msgspec.structs.replace(model, device=msgspec.structs.replace(model.device, inner=InnerHoop(radius_m)))
 
 
-def show_rigs(count: int, radius_m: float) -> None:
+def show_rigs(seeds: range, arms: list[str], radius_m: float, kept: Path | None) -> None:
     """Rigs one after another, and their rates."""
-    arms, rows = ["refit", "nominal"], []
-    for seed in range(count):
+    rows = json.loads(kept.read_text()) if kept is not None and kept.exists() else []
+    for seed in sorted({*seeds} - {row["seed"] for row in rows}):
         rows.append(up_rig(seed, arms, radius_m))
         what = {arm: one["why"] or "held" for arm, one in rows[-1]["arms"].items()}
         print(f"rig {seed} {rows[-1]['seconds']} s: {what}", file=sys.stderr, flush=True)
+        if kept is not None:
+            kept.write_text(json.dumps(rows, indent=1))
     show(rows, arms, "way up")
 
 
@@ -120,10 +124,13 @@ def main() -> int:
     parser.add_argument("--off", type=float, default=0.0, help="share by which the plant is another one")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rigs", type=int, default=0, help="throw to the top on so many sealed rigs, and nothing else")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first rig")
+    parser.add_argument("--arms", default="found,refit,nominal", help="of the rigs: what the plan is made on")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     if options.rigs:
-        show_rigs(options.rigs, options.radius)
+        seeds = range(options.first, options.first + options.rigs)
+        show_rigs(seeds, options.arms.split(","), options.radius, options.json)
         return 0
     balance = balance_of(options.radius)
     region = balance.region(options.seed)
