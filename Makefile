@@ -38,6 +38,7 @@ lint: $(VENV)/.development ## style, types and import contracts
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
+	$(RUN) -m mypy --config-file tools/mypy.ini
 	$(VENV)/bin/lint-imports
 
 figures: $(VENV)/.runtime ## draw the thesis's figures again (OUT=build/figures, ONLY=name; HOOPD_SHARED=folder of recordings/)

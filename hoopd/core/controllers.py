@@ -178,11 +178,15 @@ class Lqg:
     def _wanted(self, measurement: Measurement) -> tuple[float, float]:
         """Angle of the ball, and the hoop speed at which it is held no longer."""
         g, limit = self.gains, self.speed_limit
-        if not (abs(measurement.speed) > 0.0 and limit > 0.0):
+        if not self._is_driven(measurement):
             return measurement.reference, g.hoop_speed_limit
         speed = min(limit, max(-limit, measurement.speed))
         # speed_per_sin sin r = AHEAD s
         return asin(AHEAD * speed / g.speed_per_sin), abs(speed)
+
+    def _is_driven(self, measurement: Measurement) -> bool:
+        """A hand asks for a speed that this law follows."""
+        return abs(measurement.speed) > 0.0 and self.speed_limit > 0.0
 
     def _target(self, measurement: Measurement) -> tuple[float, float]:
         """Angle and hoop speed to go for now."""
@@ -192,7 +196,7 @@ class Lqg:
             self._speed = 0.0
             return reference, 0.0
         stays = exp(-g.hold_rate * measurement.dt)
-        by_hand = abs(measurement.speed) > 0.0 and self.speed_limit > 0.0
+        by_hand = self._is_driven(measurement)
         self._by_hand = by_hand or (self._by_hand and reference == 0.0 and before != 0.0)
         if self._by_hand and abs(before) > (limit if by_hand else 0.0):
             return self._braked(limit if by_hand else 0.0, stays)

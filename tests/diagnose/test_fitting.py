@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
-from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.candidates import Judge, Settings, Tried
+from hoopd.diagnose.search.screen import Member, Score
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
@@ -113,8 +114,10 @@ def test_what_only_better_noise_levels_gain_names_nothing(calm: Stretch, monkeyp
     monkeypatch.setattr(fitting, "MOST_TURNS", 1)
     before, drag = begun_high(calm), LIBRARY["hoop.quadratic_drag"]
     new = fit([calm], [drag], PLANT.values, noise={"calm": NOISE._replace(force=1e-5 * np.ones(2))})
-    assert before.criterion - new.criterion > 2.0 * (threshold := Settings().threshold)
-    assert Judge([calm], {}, Settings())._gain(before, new) < threshold
+    gain, score = before.criterion - new.criterion, Score(Member(drag, {}, ()), 0.0, {}, np.zeros(0))
+    assert gain > 2.0 * (threshold := Settings().threshold)
+    (found,) = Judge([calm], {}, Settings()).of_effects(before, [Tried(drag, new, gain, gain, score)])
+    assert found.gain < threshold and found.surprise < threshold
 
 
 def test_an_effect_is_refitted_within_its_interval_and_a_neutral_one_gains_nothing() -> None:

@@ -109,6 +109,7 @@ def main() -> int:
         before = sum(meter.cpu_times()[:2])
         trips, lags, missing = ask_at_50_hz(folder / "port", folder / "ring", options.seconds)
         used_s = sum(meter.cpu_times()[:2]) - before
+        assert process.stdin is not None
         process.stdin.close()
         process.wait(5.0)
         log = read(folder / "torque.jsonl")

@@ -42,7 +42,8 @@ from harness.kept_rows import KeptRows  # noqa: E402
 from learning.device import SealedDevice  # noqa: E402
 from learning.loops import loop_costs  # noqa: E402
 
-from hoopd.commands.learn import Steps, record_until_settled  # noqa: E402
+from hoopd.commands.learn import record_until_settled  # noqa: E402
+from hoopd.commands.learn_steps import Steps  # noqa: E402
 from hoopd.commands.options.learn import LearnOptions  # noqa: E402
 from hoopd.commands.step_commands import StepError  # noqa: E402
 from hoopd.files.reading import InputError  # noqa: E402

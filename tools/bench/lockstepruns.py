@@ -38,7 +38,7 @@ JUDGING = (*picturechecks.NAMES, "ball_runaway", *encoderchecks.NAMES, "speed_im
 
 def be_hasty() -> None:
     """Let the rows of the camera speak at their first evidence in this process, to tell what patience costs."""
-    ballresponse.ENOUGH_S = ballresponse.EVERY_TICKS * 0.02
+    ballresponse.ENOUGH_S = ballresponse.EVERY_S
     picturechecks.BLOCKS = picturechecks.STUCK_PICTURES = picturechecks.IDENTICAL_PICTURES = 1
 
 

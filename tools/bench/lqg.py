@@ -67,7 +67,7 @@ def timing() -> None:
         ekf.update, law.update = Timed(ekf.update), Timed(law.update)  # type: ignore[method-assign]
         simulate(plant, law, ekf, limiter_of(file), Scenario(psi0_rad=0.4, phase_s=0.015))
         for what, timed in (("estimator", ekf.update), ("law", law.update)):
-            times = 1e6 * np.array(timed.times)  # type: ignore[attr-defined]
+            times = 1e6 * np.array(timed.times)  # type: ignore[attr-defined, union-attr]
             print(f"{name} {what:<18} median {np.median(times):6.1f} p95 {np.percentile(times, 95):6.1f} us")
 
 

@@ -41,7 +41,7 @@ from hoopd.core.controllers import DONE  # noqa: E402
 from hoopd.daemon.app import Options  # noqa: E402
 from hoopd.daemon.experiment import run  # noqa: E402
 from hoopd.daemon.recording_target import Where  # noqa: E402
-from hoopd.plants.fits.uncertainty import Z95  # noqa: E402
+from hoopd.ident.normal import Z95  # noqa: E402
 from hoopd.plants.hoop.fitting.fit import FitSettings, fit  # noqa: E402
 from hoopd.plants.hoop.loop.experiment_plan import Plan  # noqa: E402
 from hoopd.plants.model_file import load_model, plant_of  # noqa: E402

@@ -9,7 +9,7 @@ The initial state is projected out by a filter that starts knowing nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -114,8 +114,8 @@ def gain(grams: Array, column: int = 0) -> float:
 
 
 def _cut(device: Body, cut: slice) -> Body:
-    fields = (device.i11, device.i12, device.i22, device.weight, device.ratio, device.bb, device.bh)
-    return Body(*(x[cut] for x in fields), {k: v[cut] for k, v in device.given.items()})
+    own = (getattr(device, one.name) for one in fields(device) if one.name != "given")
+    return Body(*(x[cut] for x in own), given={k: v[cut] for k, v in device.given.items()})
 
 
 class _Filter:

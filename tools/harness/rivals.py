@@ -61,8 +61,8 @@ def cost(run: RigRun, weights: Weights | None = None) -> float:
 
 def judged(run: RigRun) -> Judged:
     """Both measures."""
-    rms = [float(np.sqrt(np.mean(values**2))) for values in (run.psi - run.reference, run.dtheta)]
-    return Judged(*rms, cost(run))
+    off, hoop = (float(np.sqrt(np.mean(values**2))) for values in (run.psi - run.reference, run.dtheta))
+    return Judged(off, hoop, cost(run))
 
 
 def race(folder: Path, controller: Path, scenario: Scenario, seeds: Sequence[int] = SEEDS) -> list[RigRun]:

@@ -12,9 +12,11 @@ from pathlib import Path
 from harness.rivals import SCENARIOS, SEEDS, Judged, judged, race
 
 from hoopd.commands import design, fit
+from hoopd.commands.options.design import DesignOptions
+from hoopd.commands.options.fit import FitOptions
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
-from hoopd.design.laws import Spec
+from hoopd.daemon.recording_target import Where
 from hoopd.plants.hoop.loop.experiment_plan import Plan
 from hoopd.plots import style
 from hoopd.plots.device import DeviceRun, draw_device
@@ -35,12 +37,12 @@ def controllers(folder: Path) -> dict[str, Path]:
     recording, model = folder / "rec.mcap", folder / "mine.yaml"
     options = Options(sim=True, sets=("log.level=error",), speed="max", direct=True)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-        experiment.run(Plan("prbs"), options, experiment.Where(file=recording))
-    fit.run([str(recording)], out=model)
+        experiment.run(Plan("prbs"), options, Where(file=recording))
+    fit.run(FitOptions(recordings=(str(recording),), out=model))
     files = {name: folder / f"{name}.yaml" for name in NAMES}
     models = {"thesis": Path("models/thesis.yaml"), "fitted": model, "truth": Path("models/hoop.yaml")}
     for name, file in files.items():
-        design.run("lqg", models[name], Spec(), out=file)
+        design.run(DesignOptions(law="lqg", model=models[name], out=file))
     return files
 
 

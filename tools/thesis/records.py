@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
+from hoopd.daemon.recording_target import Where
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.fitting.fit import FitSettings, FittedParameters, fit
 from hoopd.plants.hoop.fitting.fit_percent import FitScore, score
@@ -174,7 +175,7 @@ class Bench:
         path = self.scratch / f"{key}.mcap"
         options = Options(sim=True, sets=("log.level=error",), seed=source.plan.seed, speed="max", direct=True)
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            experiment.run(source.plan, options, experiment.Where(file=path))
+            experiment.run(source.plan, options, Where(file=path))
         found = load(path)
         played = found.t[found.extra["mode"] == "RUNNING"]
         return between(found, float(played[0]), float(played[-1]))

@@ -18,6 +18,7 @@ from hoopd.diagnose.curves.curve import UnnamedCurve, curves
 from hoopd.diagnose.curves.curve_changes import add_change, within
 from hoopd.diagnose.search.chance import Group, Null, colour, independent, null_of
 from hoopd.diagnose.search.effect_changes import at_nodes
+from hoopd.diagnose.search.kept_columns import KeptColumns, exact, free_of, joined, kept_columns
 from hoopd.diagnose.search.processes import computed
 from hoopd.diagnose.search.screen import Screen, meaningful, orthonormal
 from hoopd.diagnose.search.surprise import surprise
@@ -63,14 +64,12 @@ class CurveScreen:
         self.residual = self.projected(rows[:, :1])[:, 0]
         counts = [self._columns_of(curve) for curve in self.curves]
         self._first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
-        raw = self._whitened()
-        self._size = np.sqrt(np.sum(raw**2, axis=0))
-        self.vectors = self.projected(raw)
+        self._size, self.vectors = self._kept()
         self._bases: dict[int, Array] = {}
 
     def projected(self, x: Array) -> Array:
         """Rows freed of the directions of all free parameters."""
-        return np.asarray(x - self._known @ (self._known.T @ x))
+        return free_of(self._known, x.copy())
 
     def scores(self) -> list[CurveScore]:
         """Of all curves, the most surprising first."""
@@ -116,7 +115,7 @@ class CurveScreen:
         for index in range(len(self.curves)):
             basis = self._basis(index)
             if basis.shape[1]:
-                found.append(Group(self._own(index)[0], basis=basis))
+                found.append(Group(self.vectors[:, self._place(index)], basis=basis))
         return found
 
     def _basis(self, index: int) -> Array:
@@ -136,16 +135,26 @@ class CurveScreen:
         return colour(unit, residual, [(len(t.z), len(t.composite.channels)) for t in self.fit.tracks])
 
     def _own(self, index: int) -> tuple[Array, Array]:
-        columns = slice(self._first[index], self._first[index + 1])
-        return self.vectors[:, columns], self._size[columns]
+        columns = self._place(index)
+        return exact(self.vectors[:, columns]), self._size[columns]
+
+    def _place(self, index: int) -> slice:
+        return slice(self._first[index], self._first[index + 1])
 
     def _columns_of(self, curve: UnnamedCurve) -> int:
         return len(curve.knots) * (len(self.recordings) if curve.per_recording else 1)
 
-    def _whitened(self) -> Array:
+    def _kept(self) -> tuple[Array, KeptColumns]:
+        """Norms (m,) of all columns, and the columns without the directions of the free parameters."""
         parts = [range(i, min(i + TOGETHER, len(self.curves))) for i in range(0, len(self.curves), TOGETHER)]
-        found = computed([partial(self._whitened_together, part) for part in parts])
-        return np.concatenate(found, axis=1) if found else np.zeros((len(self.residual), 0))
+        found = computed([partial(self._kept_together, part) for part in parts])
+        return np.concatenate([size for size, _ in found] or [np.zeros(0)]), joined(
+            [columns for _, columns in found], len(self.residual)
+        )
+
+    def _kept_together(self, part: range) -> tuple[Array, KeptColumns]:
+        raw = self._whitened_together(part)
+        return np.sqrt(np.einsum("rm,rm->m", raw, raw)), kept_columns(free_of(self._known, raw))
 
     def _whitened_together(self, part: range) -> Array:
         out = []
@@ -155,7 +164,8 @@ class CurveScreen:
                 white = whitened(columns.model, found, f, eps)
             out.append(white.reshape(-1, white.shape[2]))
         # what is added to the model is taken from the residual
-        return meaningful(-np.concatenate(out))
+        every = np.concatenate(out)
+        return meaningful(np.negative(every, out=every))
 
     def _changes(self, track: Track, part: range) -> tuple[Array, Array]:
         n, begin = len(track.z), int(self._first[part.start])
@@ -181,7 +191,7 @@ def library_groups(screen: Screen, without: Collection[str] = ()) -> list[Group]
     for member in screen.members:
         z = screen.vectors[:, first : first + len(member.columns)]
         first += len(member.columns)
-        if member.effect.name not in without and np.any(np.sum(z**2, axis=0) > 1e-12):
+        if member.effect.name not in without and np.any(np.sum(exact(z) ** 2, axis=0) > 1e-12):
             found.append(Group(z, len(member.columns) == 1 and member.columns[0].signed))
     return found
 

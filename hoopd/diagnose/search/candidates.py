@@ -30,6 +30,8 @@ MOST_EFFECTS = 3
 UNSEEN_LOSS, UNSEEN_SHARE = 3.0, 0.1
 # A limit is fitted from where it seems to be, and from this many times as far out.
 MILDER = 1.08
+# A fit that is begun anew with other noise levels and gains less than this had its own right.
+LEVELS_NATS = 0.5
 # A share within which a constant stands on an end of its range.
 ON_END = 1e-3
 
@@ -71,7 +73,11 @@ class Judge:
         return sorted((replace(one, origin=about) for one in scores), key=lambda s: -surprise_of(s, s.gain, self.train))
 
     def tried(self, before: HypothesisFit, score: Score) -> Tried:
-        """The proposed effect fitted together with everything that was there."""
+        """The proposed effect fitted together with everything that was there, with the gain that the effect has."""
+        return self.of_effects(before, [self.fitted(before, score)])[0]
+
+    def fitted(self, before: HypothesisFit, score: Score) -> Tried:
+        """The same, with what the noise levels gain."""
         effect = score.member.effect
         origin = score.origin or before
         start = {**origin.values, **before_effects(before), **score.start}
@@ -86,18 +92,27 @@ class Judge:
             new = min(new, later, key=lambda one: one.criterion)
         new = self._not_run_off(new, start, effect)
         new = in_wider_ranges(new, self.train, [effect.name])
-        effect = new.effects[-1]
-        gain = self._gain(before, new)
+        effect, gain = new.effects[-1], before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
 
-    def _gain(self, before: HypothesisFit, new: HypothesisFit) -> float:
-        """Nats over what was there before. What would be named is no gain of the noise levels: their search may stand
-        still where nearly no disturbance acts, so that the fit before is begun anew with those that were found."""
-        gain = before.criterion - new.criterion
-        if gain < self.settings.threshold:
-            return gain
-        begun = fit(self.train, before.effects, {**before.values, **new.values}, like=before, noise=new.noise)
-        return min(gain, begun.criterion - new.criterion)
+    def of_effects(self, before: HypothesisFit, tried: Sequence[Tried]) -> list[Tried]:
+        """What was tried beside a fit, each with the gain that its effect has: what would be named is no gain of the
+        noise levels. Their search may stand still where nearly no disturbance acts, so that the fit before is begun
+        anew with those that were found; where that changes nothing for the one that gains most, it was well."""
+        found, order = list(tried), sorted(range(len(tried)), key=lambda i: -tried[i].gain)
+        for i in order:
+            found[i] = self._of_effect(before, found[i])
+            if tried[i].gain - found[i].gain < LEVELS_NATS:
+                break
+        return found
+
+    def _of_effect(self, before: HypothesisFit, one: Tried) -> Tried:
+        if one.gain < self.settings.threshold:
+            return one
+        start = {**before.values, **one.fit.values}
+        begun = fit(self.train, before.effects, start, like=before, noise=one.fit.noise)
+        gain = min(one.gain, begun.criterion - one.fit.criterion)
+        return replace(one, gain=gain, surprise=surprise_of(one.score, gain, self.train))
 
     def _not_run_off(self, new: HypothesisFit, start: Mapping[str, float], effect: Effect) -> HypothesisFit:
         """The fit; where a constant stands on an end of its range, or where it began because every step led away, the

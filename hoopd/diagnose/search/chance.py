@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.search.kept_columns import KeptColumns, exact
 from hoopd.diagnose.search.processes import computed
 from hoopd.diagnose.search.surprise import log_chances
 
@@ -35,16 +36,17 @@ def surprises(gains: Array, columns: int) -> Array:
 class Group(NamedTuple):
     """Columns that are tried together, whitened and projected."""
 
-    vectors: Array  # (rows, m)
+    vectors: KeptColumns  # (rows, m)
     positive: bool = False  # one column of which only a positive multiple counts
     basis: Array | None = None  # (m, k) orthonormal directions among them, where these are known
 
 
-def independent(z: Array, size: Array | None = None, share: float = 1e-6) -> tuple[Array, Array, Array]:
+def independent(z: KeptColumns, size: Array | None = None, share: float = 1e-6) -> tuple[Array, Array, Array]:
     """Directions of columns z (rows, m) that are more than rounding: size (m,), eigenvalues (k,), vectors (m, k).
 
     size: the columns' norms before projection, against which `share` of the squared norm is measured.
     """
+    z = exact(z)
     gram = z.T @ z
     size = np.sqrt(np.diag(gram)) if size is None else size
     size = np.maximum(size, 1e-12)
@@ -69,7 +71,7 @@ def projections(groups: Sequence[Group], residuals: Array) -> Iterator[Projectio
     for first in range(0, len(groups), TOGETHER):
         part = groups[first : first + TOGETHER]
         # of narrow groups one product with all residuals
-        together = np.concatenate([one.vectors for one in part], axis=1)
+        together = np.concatenate([one.vectors for one in part], axis=1, dtype=float)
         along, ends = together.T @ residuals, np.cumsum([0, *(one.vectors.shape[1] for one in part)])
         for one, columns in zip(part, map(slice, ends[:-1], ends[1:]), strict=True):
             yield _projected(one, along[columns])

@@ -1,14 +1,14 @@
 """Effects that are tried beside one fit, each in a process of its own.
 
-A fit has effects, plants and functions, which no pipe takes; what comes back is its numbers, from which the model is
-made linear again: the same bits.
+A fit has effects, plants and functions, which no pipe takes; what comes back through one is its numbers, from which the
+model is made linear again: the same bits.
 
 Rules of this file: nothing is decided; `candidates` says how an effect is tried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -52,16 +52,40 @@ class _Numbers:
     surprise: float
 
 
+class _Answer:
+    """A tried effect; through a pipe go its numbers."""
+
+    def __init__(self, tried: Tried) -> None:
+        self.tried = tried
+
+    def __reduce__(self) -> tuple[Callable[[_Numbers], _Numbers], tuple[_Numbers]]:
+        return _as_they_are, (_numbers(self.tried),)
+
+
 def tried_all(judge: Judge, before: HypothesisFit, scores: Sequence[Score]) -> list[Tried]:
     """Each proposed effect fitted together with everything that was there, in the order of the scores."""
     for score in scores:
         judge.settings.progress(f"fitting {score.member.effect.name}")
-    found = computed([partial(_numbers, judge, before, score) for score in scores])
-    return [_restored(judge, before, score, one) for score, one in zip(scores, found, strict=True)]
+    answers = computed([partial(_answered, judge, before, score) for score in scores])
+    found = [
+        one.tried if isinstance(one, _Answer) else _restored(judge, before, score, one)
+        for score, one in zip(scores, answers, strict=True)
+    ]
+    return judge.of_effects(before, found)
 
 
-def _numbers(judge: Judge, before: HypothesisFit, score: Score) -> _Numbers:
-    tried = judge.tried(before, score)
+def _answered(judge: Judge, before: HypothesisFit, score: Score) -> _Answer | _Numbers:
+    found = judge.fitted(before, score)
+    # what a start was held to holds no later fit
+    found.fit.most_force = {}
+    return _Answer(found)
+
+
+def _as_they_are(numbers: _Numbers) -> _Numbers:
+    return numbers
+
+
+def _numbers(tried: Tried) -> _Numbers:
     found = tried.fit
     return _Numbers(
         _ranges(tried.effect), found.values, found.free, found.noise, found.curvatures,

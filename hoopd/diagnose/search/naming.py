@@ -108,22 +108,40 @@ def _next(found: Named, judge: Judge) -> Tried | None:
     """The effect that the recordings ask for most, beside what was found; None when they ask for none."""
     settings, first = judge.settings, not found.accepted
     settings.progress("screening the library")
-    scores = judge.proposals(found.final, found.final.names)
+    found.left = scores = judge.proposals(found.final, found.final.names)
     chosen = _chosen(scores, judge)
     if first:
         found.scores = scores
-        chosen += _other_starts(chosen, judge.proposals(found.nominal, found.nominal.names), judge)
-    # about the parameters as given, too: where disturbances explain everything, no way may lead back from the base's
-    for about in (found.nominal, found.final) if first else (found.final,):
-        if far_beyond(about):
-            settings.progress("screening with usual disturbances")
-            held = stiffened(about)
-            chosen += _other_starts(chosen, deflated(judge.proposals(held, about.names), held), judge)
-    tried = sorted(tried_all(judge, found.final, chosen), key=lambda one: -one.surprise)
-    if first:
+    if is_far := far_beyond(found.final):
+        # where disturbances explain everything, no way may lead from what is there to what is missing
+        chosen += _held_starts(found.final, chosen, judge)
+        chosen += _given_starts(found, chosen, judge) if first else []
+    best = _best_of(found, judge, chosen)
+    if best is None and first and not is_far:
+        best = _best_of(found, judge, _given_starts(found, chosen, judge), found.tried)
+    return best
+
+
+def _best_of(found: Named, judge: Judge, chosen: Sequence[Score], known: Sequence[Tried] = ()) -> Tried | None:
+    """The first that is taken of what was proposed and of what was fitted already."""
+    tried = sorted([*known, *tried_all(judge, found.final, chosen)], key=lambda one: -one.surprise)
+    if not found.accepted:
         found.tried = tried
-    found.left = scores
     return _taken(found, judge, tried)
+
+
+def _given_starts(found: Named, chosen: Sequence[Score], judge: Judge) -> list[Score]:
+    """Proposals from the parameters as given: a base bent by a large effect may hide it from its own screen."""
+    about = found.nominal
+    more = _other_starts(chosen, judge.proposals(about, about.names), judge)
+    return more + (_held_starts(about, [*chosen, *more], judge) if far_beyond(about) else [])
+
+
+def _held_starts(about: HypothesisFit, chosen: Sequence[Score], judge: Judge) -> list[Score]:
+    """Proposals from a fit with disturbances that are held to the usual."""
+    judge.settings.progress("screening with usual disturbances")
+    held = stiffened(about)
+    return _other_starts(chosen, deflated(judge.proposals(held, about.names), held), judge)
 
 
 def _taken(found: Named, judge: Judge, tried: Sequence[Tried]) -> Tried | None:
@@ -159,7 +177,7 @@ def _chosen(scores: Sequence[Score], judge: Judge) -> list[Score]:
 
 
 def _other_starts(chosen: Sequence[Score], scores: Sequence[Score], judge: Judge) -> list[Score]:
-    """The best proposals from the nominal parameters: a base bent by a large effect may hide it from its own screen."""
+    """The best proposals that are not among those already."""
     taken = {score.member.effect.name for score in chosen}
     return [score for score in _chosen(scores, judge) if score.member.effect.name not in taken][:OTHER_STARTS]
 

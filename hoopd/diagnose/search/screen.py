@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from hoopd.diagnose.search.effect_changes import changes_of
+from hoopd.diagnose.search.kept_columns import KeptColumns, exact, free_of, joined, kept_columns
 from hoopd.diagnose.search.processes import computed
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -140,14 +141,15 @@ class Screen:
         wanted = [e for e in effects if e.name not in fit.names and e.found_by in ("screen",)]
         self.members = [m for e in wanted for m in members_of(e, self.recordings, touched_grids(e, fit))]
         every = [(m.effect, column) for m in self.members for column in m.columns]
-        self.vectors = self.projected(whitened_changes(self.fit, every))
+        parts = computed([partial(_kept_together, fit, part, self._basis) for part in _parts(every)])
+        self.vectors = joined(parts, len(rows))
         self._places = {(effect.name, column): i for i, (effect, column) in enumerate(every)}
 
     def whitened(self, changes: Sequence[tuple[Effect, Column]]) -> Array:
         """(rows, m) whitened projected changes; those of the screen's members are there already."""
         places = [self._places.get((effect.name, column), -1) for effect, column in changes]
         if -1 not in places:
-            return self.vectors[:, places]
+            return exact(self.vectors[:, places])
         return self.projected(whitened_changes(self.fit, changes))
 
     def scores(self) -> list[Score]:
@@ -156,7 +158,7 @@ class Screen:
 
     def projected(self, x: Array) -> Array:
         """(rows, m) without the directions of the free parameters."""
-        return np.asarray(x - self._basis @ (self._basis.T @ x))
+        return free_of(self._basis, x.copy())
 
 
 def changed(track: Track, fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]]) -> tuple[Array, Array]:
@@ -178,21 +180,27 @@ def change_of(track: Track, fit: HypothesisFit, effect: Effect, column: Column) 
     return f.sum(axis=2), eps.sum(axis=2)
 
 
-def best_scores(members: Sequence[Member], vectors: Array, residual: Array) -> list[Score]:
+def best_scores(members: Sequence[Member], vectors: KeptColumns, residual: Array) -> list[Score]:
     """Of every effect its best member; `vectors` (rows, m): the columns of all members, one after the other."""
-    squares, along = np.einsum("rm,rm->m", vectors, vectors), vectors.T @ residual
+    squares, along = np.empty(vectors.shape[1]), np.empty(vectors.shape[1])
+    for first in range(0, vectors.shape[1], TOGETHER):
+        some = slice(first, first + TOGETHER)
+        z = exact(vectors[:, some])
+        squares[some], along[some] = np.einsum("rm,rm->m", z, z), z.T @ residual
     best: dict[str, tuple[float, Member, slice]] = {}
     first = 0
     for member in members:
         own = slice(first, first + len(member.columns))
         first = own.stop
-        z = vectors[:, own]
-        gram = squares[own, None] if len(member.columns) == 1 else z.T @ z
+        gram = squares[own, None]
+        if len(member.columns) > 1:
+            z = exact(vectors[:, own])
+            gram = z.T @ z
         weights, name = _member_weights(member, gram, along[own]), member.effect.name
         gain = max(float(weights @ along[own] - weights @ gram @ weights / 2), 0.0)
         if name not in best or gain > best[name][0]:
             best[name] = gain, member, own
-    return [score_of(member, vectors[:, own], residual) for _, member, own in best.values()]
+    return [score_of(member, exact(vectors[:, own]), residual) for _, member, own in best.values()]
 
 
 def score_of(member: Member, z: Array, residual: Array) -> Score:
@@ -276,6 +284,10 @@ def _parts(changes: Sequence[tuple[Effect, Column]]) -> list[list[tuple[Effect, 
     return found
 
 
+def _kept_together(fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]], basis: Array) -> KeptColumns:
+    return kept_columns(free_of(basis, _whitened_together(fit, changes)))
+
+
 def _whitened_together(fit: HypothesisFit, changes: Sequence[tuple[Effect, Column]]) -> Array:
     out = np.zeros((sum(len(rows) for rows in fit.rows), len(changes)))
     first = 0
@@ -293,5 +305,6 @@ def _whitened_together(fit: HypothesisFit, changes: Sequence[tuple[Effect, Colum
 
 def meaningful(columns: Array) -> Array:
     """Whitened columns (rows, m), zero those that lead where the model has no numbers or that grow past any meaning."""
-    columns[:, ~(np.abs(columns).max(axis=0, initial=0.0) < MOST_DEVIATIONS)] = 0.0
+    high, low = columns.max(axis=0, initial=0.0), columns.min(axis=0, initial=0.0)
+    columns[:, ~((high < MOST_DEVIATIONS) & (low > -MOST_DEVIATIONS))] = 0.0
     return columns

@@ -93,7 +93,8 @@ def compare(before: Path, after: Path, name: str, pairs: int, work: Path, say: S
     old, new = zip(*measured, strict=True)
     cpu = ratios.paired([one.cpu_s for one in old], [one.cpu_s for one in new])
     clock = ratios.paired([one.clock_s for one in old], [one.clock_s for one in new])
-    return Compared(name, *(statistics.median(one.cpu_s for one in side) for side in (old, new)), cpu, clock)
+    before_s, after_s = (statistics.median(one.cpu_s for one in side) for side in (old, new))
+    return Compared(name, before_s, after_s, cpu, clock)
 
 
 def _emptied(folder: Path) -> Path:

@@ -17,7 +17,7 @@ from hoopd.core.tick import Tick
 try:
     from hoopd.daemon.replay import replay
 except ImportError:  # a checkout from before the rooms
-    from hoopd.replay import replay
+    from hoopd.replay import replay  # type: ignore[no-redef]
 
 ROUNDS = 10
 

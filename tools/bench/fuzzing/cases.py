@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from fuzzing import damage, plants, schema, sound
 from fuzzing.containers import INSIDE
+from hoopd.files.yaml_text import text_of
 
 TEXT_KINDS = frozenset(kind for kind, ending in sound.EXTENSIONS.items() if ending in (".yaml", ".py", ".csv"))
 # How often a kind comes, beside the others.
@@ -192,7 +193,7 @@ def _unseen(sets: list[str]) -> list[str]:
 
 
 def _flow(value: Any) -> str:
-    return damage.text_of(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+    return text_of(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
 
 
 def _command(rng: random.Random, sounds: Path, folder: Path, *, whole: bool) -> list[str]:

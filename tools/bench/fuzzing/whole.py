@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from fuzzing import cases, outcome
+from fuzzing import cases, outcome, sound
 from fuzzing.outcome import Outcome
 
 # The kernel counts into a child's peak what its parent held when it was born: a small one bears it and tells.
@@ -46,7 +46,7 @@ def try_case(seed: str, number: int, sounds: Path, kinds: tuple[str, ...]) -> Ou
         environment = os.environ | {
             "XDG_STATE_HOME": str(folder / "state"),
             "XDG_RUNTIME_DIR": str(folder),
-            "PYTHONPATH": str(cases.sound.ROOT),
+            "PYTHONPATH": str(sound.ROOT),
         }
         return _watched(number, case, folder, environment)
     finally:

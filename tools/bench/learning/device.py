@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from concealed.batch import Column, columns_of
 from concealed.cases import answer, csv_bytes, traces
-from concealed.plant import SAMPLE_S, Array
+from concealed.plant import PIECES, SAMPLE_S, Array
 from concealed.recipes import TRAINING, Recipe, Wish, draw
-from concealed.simulate import PIECES, WARM, Trace, simulate
+from concealed.simulate import WARM, Trace, simulate
 from concealed.sizing import find_sizes
 
 from hoopd.core.excitation import BEYOND

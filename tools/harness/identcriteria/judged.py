@@ -9,7 +9,7 @@ from functools import wraps
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.doubts import IdentificationWarning
 
 Array = NDArray[np.float64]
 Figures = dict[str, float | bool]

@@ -16,8 +16,8 @@ from scipy import signal
 
 from hoopd.ident import ar, arma, bases, conditioning, excitation, fit_basis, signals
 from hoopd.ident import frequencydata as fd
-from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
+from hoopd.ident.doubts import IdentificationWarning
 from hoopd.ident.filtering import prefilter, resample
 from hoopd.ident.models import Polynomials
 from hoopd.ident.rationalfit import fit_basis_response, minimum_phase, rational

@@ -126,4 +126,5 @@ def contact_along(states: Array, values: Mapping[str, float]) -> Array:
     [1.0]
     """
     track = values["Ro"] - values["Rb"]
-    return np.asarray((track * states[:, 3] ** 2 + values["g"] * np.cos(states[:, 2])) / values["g"])
+    with np.errstate(over="ignore", invalid="ignore"):  # of what runs away on another model
+        return np.asarray((track * states[:, 3] ** 2 + values["g"] * np.cos(states[:, 2])) / values["g"])
