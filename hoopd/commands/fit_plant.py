@@ -24,6 +24,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.plant_fit import ChannelFit, PlantFit, channel_fits, fit_plant, fit_starts
 from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
+from hoopd.plants.likelihood.stretches import read_too_rarely
 from hoopd.plants.plant_file import parse_plant
 from hoopd.plants.plant_model import PROGRAM, PlantModel, plant_model_text, with_parameters
 from hoopd.recording.recording import Recording
@@ -83,7 +84,11 @@ def _check_bounds(option: str, values: Mapping[str, float], system: PlantSystem)
 def _read(plant: Plant, options: FitOptions, texts: Sequence[str]) -> list[tuple[str, Recording]]:
     """By the names they were given."""
     hold = options.hold
-    return [(text, read_recording(text, options.columns, options.age, plant=plant, hold=hold)) for text in texts]
+    found = [(text, read_recording(text, options.columns, options.age, plant=plant, hold=hold)) for text in texts]
+    for text, recording in found:
+        if reason := read_too_rarely(recording.t, plant):
+            raise InputError(text, "t", reason)
+    return found
 
 
 def _refuse_hoops_own(options: FitOptions) -> None:

@@ -15,7 +15,7 @@ from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import once_at_rest
 from hoopd.plants.likelihood.reading_interval import spaced
-from hoopd.plants.likelihood.stretches import Stretch, fewest_readings, is_long_enough, stretch_of
+from hoopd.plants.likelihood.stretches import Stretch, fewest_readings, is_long_enough, read_too_rarely, stretch_of
 from hoopd.recording.board_limits import torque_slew
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
@@ -50,6 +50,8 @@ def source_of(name: str, recording: Recording, plant: Plant) -> Source:
     """A recording of a plant; InputError when there is nothing to judge a model by."""
     if missing := [one for one in (*(i.name for i in plant.inputs), *plant.channels) if one not in recording.signals]:
         raise InputError(name, missing[0], f"no signal of this name; {plant.name} has it (--columns)")
+    if reason := read_too_rarely(recording.t, plant):
+        raise InputError(name, "t", reason)
     quality = assess(recording, plant)
     clean = cleaned(recording, quality)
     try:

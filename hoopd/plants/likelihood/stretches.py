@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 SHORTEST_S = 0.5
 # Fewer readings than this are no recording to judge a model by; fewer do where a second has not so many.
 FEWEST_READINGS, LEAST_READINGS = 50, 15
+# Rows further apart than so many steps of a plant are no recording of it.
+RAREST = 20.0
 # Usual samples between two nodes, of a plant that is sampled often.
 MOST_SAMPLES = 20.0
 # Period of the loop that moves a drive's torque (docs/reference/board.md).
@@ -140,6 +142,18 @@ def longest_node_s(plant: Plant) -> float:
     """From node to node: as the motion is slow, but no more than so many usual samples, nor less than one."""
     sample = time_scale(plant)
     return LONGEST_STEP_S * max(sample, min(motion_scale(plant), MOST_SAMPLES * sample))
+
+
+def read_too_rarely(t: Array, plant: Plant) -> str:
+    """Why rows at these times (n,) s are no recording of a plant, which would have to be followed over a hundred steps
+    from one to the next; empty where they may be one."""
+    apart, step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0, longest_node_s(plant)
+    if apart <= RAREST * step:
+        return ""
+    return (
+        f"rows are {apart:.3g} s apart, and {plant.name} is followed in steps of {step:.3g} s: are the times in "
+        "seconds (--columns t=NAME:ms)? A plant that is as slow says so (sample_time_s)"
+    )
 
 
 def _cut(t: Array, longest_s: float) -> Array:
