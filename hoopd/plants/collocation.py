@@ -46,11 +46,13 @@ class PathLimit(NamedTuple):
 
 
 class MotionEnds(NamedTuple):
-    """Where a motion begins and ends, both without input, and what it passes through: NaN where a state is free."""
+    """Where a motion begins and ends, without input unless it goes on, and what it passes through: NaN where a state is
+    free."""
 
     start: Array
     end: Array
     through: Mapping[float, Array] = MappingProxyType({})  # by share of the time
+    goes_on: bool = False  # another motion follows, with an input of its own
 
 
 class CollocatedMotion(NamedTuple):
@@ -196,7 +198,8 @@ class CollocationProblem:
         stretch = (2.0 if side > 0.0 else 0.5) if free_time else 1.0
         inner = np.full((self._nx, n * DEGREE), side * np.inf)
         # what comes before and after has no input, and a step would be bridged
-        u = np.where(np.isin(np.arange(n), (0, n - 1)), 0.0, side * np.inf)
+        without = (0,) if ends.goes_on else (0, n - 1)
+        u = np.where(np.isin(np.arange(n), without), 0.0, side * np.inf)
         return [stretch * tick_s], x, u, inner, np.full(len(self._limits), np.inf if side > 0.0 else 0.0)
 
 

@@ -32,12 +32,15 @@ class MotionLimits:
         Least force between hoop and ball, in weights of the ball: below zero it would fly.
     grip : float
         Friction coefficient that the contact may need, so that the ball rolls; infinite: it always does.
+    lacking : float
+        Friction, in weights of the ball, that the contact may lack: what is left where its force ends.
     """
 
     torque_nm: float
     hoop_speed_rad_s: float
     contact: float
     grip: float = inf
+    lacking: float = 0.0
 
     def __post_init__(self) -> None:
         """ValueError for limits that no motion can keep."""
@@ -73,8 +76,8 @@ def path_limits(structure: str, plant: Plant, limits: MotionLimits, p: dict[str,
     }
     if limits.grip < inf:
         # |f| <= mu N, in weights of the ball
-        needed = grip_weights(structure, plant, x, p, rate(x, u))
-        groups["grip"] = ca.vertcat(needed - limits.grip * pressed, -needed - limits.grip * pressed)
+        needed, held = grip_weights(structure, plant, x, p, rate(x, u)), limits.grip * pressed + limits.lacking
+        groups["grip"] = ca.vertcat(needed - held, -needed - held)
     return [PathLimit(name, ca.Function("excess", [x, u], [ca.densify(one)])) for name, one in groups.items()]
 
 

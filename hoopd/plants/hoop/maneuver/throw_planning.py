@@ -10,7 +10,7 @@ which part, and which limit stands in its way.
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, nan, tau
+from math import nan, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +36,9 @@ Array = NDArray[np.float64]
 
 # Where the searches for both parts' times begin.
 RUN_UP_S, CATCH_S = 0.8, 0.8
-# Of a run-up no contact can be kept: it ends where the force does.
-NO_MARGIN = 0.0
+# Of a run-up no contact can be kept: it ends where the force does, and there nothing holds this friction (in weights of
+# the ball).
+NO_MARGIN, LACKING = 0.0, 0.02
 # Ticks beyond the time that suits a part, one after another until there is a motion.
 MORE_TICKS = (0, 2, 6, 14)
 SECANTS, SAME_RAD_S = 4, 1e-6
@@ -70,7 +71,7 @@ def plan_throw(model: PlanningModel, question: ManeuverQuestion) -> ThrowParts:
     p = {name: float(value) for name, value in model.parameters.items()}
     flight = flight_of(question.flight_s, p["Ro"] - p["Rb"], p["g"])
     off = np.array([nan, nan, question.turn * flight.off_rad, question.turn * flight.off_rad_s])
-    run_up = outer_part(model, without_margin(question), MotionEnds(np.zeros(4), off), RUN_UP_S, "run-up of a throw")
+    run_up = run_up_to(off, model, question)
     air = _with_bounces(model, question, run_up.states[-1], _air(model, question, run_up.states[-1], flight))
     rest = np.array([nan, 0.0, question.turn * tau, 0.0])
     back = outer_part(model, question, MotionEnds(air.landed, rest), CATCH_S, "way back of a throw")
@@ -84,9 +85,12 @@ def plan_throw(model: PlanningModel, question: ManeuverQuestion) -> ThrowParts:
     return ThrowParts(motion, flight, ticks)
 
 
-def without_margin(question: ManeuverQuestion) -> ManeuverQuestion:
-    """Where the contact's force ends, so does its grip."""
-    return replace(question, limits=replace(question.limits, contact=NO_MARGIN, grip=inf))
+def run_up_to(off: Array, model: PlanningModel, question: ManeuverQuestion) -> CollocatedMotion:
+    """From rest to where the contact's force ends (4,): as its grip ends with it, the ball has to roll by itself there,
+    and the torque goes on."""
+    limits = replace(question.limits, contact=NO_MARGIN, lacking=LACKING)
+    ends = MotionEnds(np.zeros(4), off, goes_on=True)
+    return outer_part(model, replace(question, limits=limits), ends, RUN_UP_S, "run-up of a throw")
 
 
 def outer_part(

@@ -23,7 +23,7 @@ from hoopd.plants.hoop.maneuver.inner_model import InnerModel
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.planning import USUAL_TORQUE_NM, InfeasibleError, infeasible
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
-from hoopd.plants.hoop.maneuver.throw_planning import RUN_UP_S, hoop_alone, outer_part, straight, without_margin
+from hoopd.plants.hoop.maneuver.throw_planning import hoop_alone, run_up_to, straight
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def plan_up(model: PlanningModel, question: ManeuverQuestion) -> UpParts:
     inner = InnerModel(model)
     touch, turn = touch_that_arrives(inner), question.turn
     off = np.array([nan, nan, turn * touch.off_rad, turn * touch.off_rad_s])
-    run_up = outer_part(model, without_margin(question), MotionEnds(np.zeros(4), off), RUN_UP_S, "run-up of a throw")
+    run_up = run_up_to(off, model, question)
     air = _air(model, inner, question, run_up.states[-1], touch)
     catch = _catch(inner, question, air.states[-1])
     motion = run_up._replace(
