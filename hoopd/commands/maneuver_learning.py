@@ -13,7 +13,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import signal
+import threading
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -136,8 +139,11 @@ def learned(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile) 
         rows.append({**dict.fromkeys(LEARNED), "file": result["file"], **told})
         faults.update(result["faults"])
         notes |= dict.fromkeys(result["notes"])
-        outcome = _taught(learner, result, rows[-1], k)
-        learner.write()
+        with _interrupt_kept() as interrupted:
+            outcome = _taught(learner, result, rows[-1], k)
+            learner.write()
+        if interrupted and outcome == DONE_ALL:
+            outcome = "interrupted: what was played is learned"
         if outcome == DONE_ALL and not rows[-1]["success"] and not options.sim:
             outcome = "an attempt did not succeed: look at it, and begin again, which goes on from here"
         if outcome != DONE_ALL:
@@ -158,6 +164,20 @@ def learned(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile) 
         "notes": [*notes],
         "exit": 0 if outcome == DONE_ALL else 1,
     }
+
+
+@contextlib.contextmanager
+def _interrupt_kept() -> Iterator[list[int]]:
+    """Ctrl-C waits until what was played is learned and written; in the list is whether there was one."""
+    seen: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield seen
+        return
+    before = signal.signal(signal.SIGINT, lambda number, frame: seen.append(number))
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _taught(learner: _Learner, result: dict[str, Any], row: dict[str, Any], k: int) -> str:

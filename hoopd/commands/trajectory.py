@@ -15,6 +15,7 @@ import msgspec
 
 from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.commands.output_files import check_results
+from hoopd.core.health import Thresholds
 from hoopd.design.controller_text import controller_text
 from hoopd.files.controller import parse_controller
 from hoopd.files.model import ModelFile
@@ -88,6 +89,8 @@ def plan_on(model: ModelFile, options: TrajectoryOptions) -> PlannedTrajectory:
 
 def _planned(model: ModelFile, options: TrajectoryOptions, torque_nm: float) -> PlannedTrajectory:
     """InfeasibleError where there is none, InputError for a question without an answer."""
+    if options.hoop_speed_rad_s >= (ends := Thresholds().hoop_speed_rad_s):
+        raise InputError("--max-speed", "", f"must be below {ends:g} rad/s, where hoop_overspeed ends control")
     try:
         limits = MotionLimits(torque_nm, options.hoop_speed_rad_s, options.contact, options.grip)
         question = ManeuverQuestion(

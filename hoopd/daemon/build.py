@@ -25,8 +25,16 @@ from hoopd.core.installed import ControllerLabel, Filter, Installed
 from hoopd.core.limits import Limiter
 from hoopd.core.tick import Tick
 from hoopd.core.tracker import MotionTracker
-from hoopd.files.controller import ControllerFile, controller_of, levels_of, parse_controller, settings_of
+from hoopd.files.controller import (
+    ControllerFile,
+    ControllerLimits,
+    controller_of,
+    levels_of,
+    parse_controller,
+    settings_of,
+)
 from hoopd.files.loaded_controller import LoadedController, filter_key, parse_loaded
+from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError, read_text
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.loop.writeback import Unused, ball_motion, estimator_with, feedforward_of, hoop_motion, unused
@@ -110,6 +118,14 @@ def _name(text: str) -> str:
     return path.name if path.is_absolute() else text
 
 
+def limits_in_force(config: Config, model: ModelFile, file: ControllerFile) -> ControllerLimits:
+    """The narrowest of the configuration's, the device's and the controller's."""
+    return ControllerLimits(
+        torque_nm=min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
+        slew_nm_per_tick=min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
+    )
+
+
 def build_tick(config: Config, texts: Texts, prepared: Prepared | None = None) -> Tick:
     """A tick in its first state; InputError names the file that does not fit.
 
@@ -119,11 +135,8 @@ def build_tick(config: Config, texts: Texts, prepared: Prepared | None = None) -
     model = parse_model(texts.model, config.device.model or file.model)
     same_period(config, file, config.control.file)
     law = load_law(texts.law, config.control.law) if config.control.law else controller_of(file)
-    # The narrowest of the configuration's, the device's and the controller's limit holds.
-    limiter = Limiter(
-        min(config.limits.torque_nm, model.device.torque_limit_nm, file.limits.torque_nm),
-        min(config.limits.slew_nm_per_tick, file.limits.slew_nm_per_tick),
-    )
+    limits = limits_in_force(config, model, file)
+    limiter = Limiter(limits.torque_nm, limits.slew_nm_per_tick)
     if not config.faults.ball_expected:
         _needs_no_ball(config, file, law)
         hoop = hoop_motion(effects_of(model), settings_of(file))

@@ -7,6 +7,7 @@ behind the same limits, faults and modes. What was recorded stays, and the judge
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from math import hypot, inf, isfinite, nan
@@ -21,7 +22,7 @@ from hoopd.core.modes import Mode
 from hoopd.core.records import TickRecord
 from hoopd.core.succession import EXPERIMENT
 from hoopd.daemon.app import Options, check_options, perform
-from hoopd.daemon.build import Texts, model_path, read_texts
+from hoopd.daemon.build import Texts, limits_in_force, model_path, read_texts
 from hoopd.daemon.maneuver_conductor import REST_PATIENCE_S, SETTLE_S, ManeuverConductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.daemon.replay import recorded_config
@@ -33,6 +34,7 @@ from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajecto
 from hoopd.plants.hoop.effects.contact_modes import AIR
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, angle_errors, judge_maneuver
+from hoopd.plants.hoop.maneuver.maneuver_question import UP
 from hoopd.plants.hoop.maneuver.restitution import RecordedThrow
 from hoopd.plants.model_file import load_model, parse_model
 from hoopd.recording.mcap import RecordedRun, read_run
@@ -73,11 +75,14 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     texts = read_texts(config, options.config)
     conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
     options = options._replace(duration_s=_longest(asked, options))
+    notes = _notes(asked.trajectory, config, texts)
+    for note in notes:  # before any torque
+        sys.stderr.write(f"hoopd: {asked.name}: {note}\n")
     with recorded_parts(where) as (folder, parts):
         summary = perform(options._replace(record=folder), config, texts, conductor)
     if not parts:
         raise InputError(where.file or folder, "", "nothing could be recorded (see the log)")
-    return _told(asked, conductor, summary, parts[0], texts)
+    return _told(asked, conductor, summary, parts[0], texts, notes)
 
 
 def _with_flights(config: Config, config_path: Path | None, trajectory: TrajectoryFile) -> Config:
@@ -119,11 +124,21 @@ def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
     if abs(sample_time_s - config.loop.period_s) > 1e-9:
         reason = f"planned for {sample_time_s:g} s, the loop's period is {config.loop.period_s:g} s"
         raise InputError(asked.name, "sample_time_s", reason)
+    model = parse_model(texts.model, config.device.model or base.model)
+    if asked.trajectory.maneuver == UP and model.device.inner is None:
+        raise InputError(asked.name, "maneuver", "is a way up to an inner hoop, and the filter's model has none")
+    limits = limits_in_force(config, model, base)
+    asks_nm = max(abs(torque) for torque in asked.trajectory.plan.torques_nm)
+    if asks_nm > limits.torque_nm:
+        raise InputError(
+            asked.name, "plan.torques_nm", f"asks for {asks_nm:.3g} N m, and {limits.torque_nm:g} N m are in force: "
+            "plan with --max-torque, or on a model whose drive gives no more",
+        )  # fmt: skip
     loaded = LoadedController(
         file=asked.name,
         sha256=hashlib.sha256(trajectory_text(asked.trajectory).encode()).hexdigest(),
         by="hoopd maneuver",
-        controller=maneuver_controller(asked.trajectory, base),
+        controller=maneuver_controller(asked.trajectory, msgspec.structs.replace(base, limits=limits)),
         model=texts.model,
     )
     return text_of_loaded(loaded)
@@ -133,7 +148,12 @@ def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
 
 
 def _told(
-    asked: AskedManeuver, conductor: ManeuverConductor, summary: dict[str, Any], path: Path, texts: Texts
+    asked: AskedManeuver,
+    conductor: ManeuverConductor,
+    summary: dict[str, Any],
+    path: Path,
+    texts: Texts,
+    notes: list[str],
 ) -> dict[str, Any]:
     trajectory = asked.trajectory
     attempts = judged(read_run(path), trajectory, texts.model)
@@ -148,15 +168,20 @@ def _told(
         "attempts": attempts,
         "file": str(path),
         "faults": summary["faults"],
-        "notes": _notes(trajectory, texts),
+        "notes": notes,
         "exit": 0 if succeeded == asked.repeat else 1,
     }
 
 
-def _notes(trajectory: TrajectoryFile, texts: Texts) -> list[str]:
+def _notes(trajectory: TrajectoryFile, config: Config, texts: Texts) -> list[str]:
+    """What has to be known before it is played."""
     if hashlib.sha256(texts.model.encode()).hexdigest() == trajectory.model_sha256:
         return []
-    return [f"planned on {trajectory.model}, which is not the model of the filter"]
+    base = parse_controller(texts.controller, config.control.file)
+    own = Path(config.device.model or base.model).name
+    if own == Path(trajectory.model).name:
+        return [f"{own} has changed since the maneuver was planned on it"]
+    return [f"planned on {trajectory.model}, and the filter's model is {own}"]
 
 
 def recorded_maneuvers(run: RecordedRun) -> list[tuple[RecordedManeuver, str]]:

@@ -50,7 +50,10 @@ def recorded_parts(where: Where) -> Iterator[tuple[Path, list[Path]]]:
     parts: list[Path] = []
     folder = where.folder or Path()
     if where.file is not None:
-        folder = Path(tempfile.mkdtemp(prefix=f".{where.file.name}.", dir=where.file.parent))
+        try:
+            folder = Path(tempfile.mkdtemp(prefix=f".{where.file.name}.", dir=where.file.parent))
+        except OSError as error:
+            raise InputError(where.file, "--out", error.strerror or str(error)) from None
     before = set(folder.glob(RUNS))
     try:
         yield folder, parts

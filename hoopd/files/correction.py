@@ -78,9 +78,9 @@ def correction_beside(trajectory: Path) -> Path:
 def load_correction(path: Path, trajectory: TrajectoryFile, trajectory_sha256: str) -> CorrectionFile:
     """A checked correction of this very trajectory; InputError otherwise."""
     file = to_struct(parse_yaml(read_text(path), path), CorrectionFile, path)
-    between(path, "limit_nm", file.limit_nm, 0.0, LIMIT_SHARE * trajectory.limits.torque_nm + 1e-9)
     if file.trajectory_sha256 != trajectory_sha256:
         raise InputError(path, "trajectory_sha256", "was learned on another trajectory: remove it, or give its own")
+    between(path, "limit_nm", file.limit_nm, 0.0, LIMIT_SHARE * trajectory.limits.torque_nm + 1e-9)
     torques = {"torques_nm": file.torques_nm} | ({"best.torques_nm": file.best.torques_nm} if file.best else {})
     planned = len(trajectory.plan.torques_nm)
     lengths = {name: len(rows) for name, rows in torques.items()} | {"unexplained": len(file.unexplained)}

@@ -45,6 +45,10 @@ class HiddenPhysics:
         if not 0.0 <= self.spread <= LARGEST_SPREAD:
             raise ValueError(f"spread must be 0 to {LARGEST_SPREAD:g}, not {self.spread:g}")
 
+    def check(self) -> None:
+        """ValueError for effects that this model cannot have."""
+        self.drawn(np.random.default_rng(0))
+
     def file(self) -> ModelFile:
         """The model, as its file tells it."""
         return load_model(or_shipped(self.model))
@@ -52,6 +56,8 @@ class HiddenPhysics:
     def drawn(self, rng: np.random.Generator) -> FoundEffects:
         """The plant of one try; its ball may always leave the hoop."""
         told = effects_of(self.file())
+        if not isinstance(self.effects, Mapping):
+            raise ValueError(f"effects: a mapping of names to their numbers, not {self.effects!r}")
         hidden = {LIFT_OFF: {}, **self.effects}
         entries = [one for one in told.entries if one.name not in hidden]
         try:

@@ -11,7 +11,7 @@ same observations. The limits are the device's own.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from math import cos, isfinite, sin, tau
+from math import cos, isfinite, pi, sin, tau
 from typing import Any
 
 import gymnasium
@@ -20,7 +20,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hoopd.gym.hidden_physics import HiddenPhysics
-from hoopd.gym.tasks import Moment, TryJudge, task_of
+from hoopd.gym.tasks import UP, Moment, TryJudge, task_of
 
 Array = NDArray[np.float32]
 Reset = tuple[Array, dict[str, Any]]
@@ -39,6 +39,9 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
 
     def __init__(self, task: str, physics: HiddenPhysics, torque_limit_nm: float, tick_s: float) -> None:
         self.task, self.physics = task_of(task), physics
+        physics.check()
+        if self.task.name == UP and physics.file().device.inner is None:
+            raise ValueError(f"model: {physics.model} has no inner hoop (device.inner), which the task {UP} is about")
         self.torque_limit_nm, self.tick_s = torque_limit_nm, tick_s
         limit = np.float32(torque_limit_nm)
         self.action_space = spaces.Box(-limit, limit, (1,), np.float32)
@@ -54,8 +57,8 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         start = self.task.start_rad
         drawn = float(self.np_random.uniform(-start, start))
         ball_rad = float(told.pop("ball_rad", drawn))
-        if told or not isfinite(ball_rad):
-            raise ValueError(f"options of reset: ball_rad alone, a finite number of rad, not {options}")
+        if told or not abs(ball_rad) <= pi:
+            raise ValueError(f"options of reset: ball_rad alone, a number of rad from -pi to pi, not {options}")
         self._ticks, self._judge = 0, self.task.judge(self.tick_s)
         self._begin(ball_rad)
         moment = self._moment(0.0)
@@ -65,9 +68,7 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         """One tick."""
         if self._judge is None:
             raise gymnasium.error.ResetNeeded("reset comes before step")
-        torque_nm = float(action[0])
-        if not isfinite(torque_nm):
-            raise ValueError(f"an action is a torque in N m, not {torque_nm}")
+        torque_nm = _torque_of(action)
         self._play(min(self.torque_limit_nm, max(-self.torque_limit_nm, torque_nm)))
         self._ticks += 1
         moment = self._moment(torque_nm / self.torque_limit_nm)
@@ -75,7 +76,14 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         stopped = self._stopped(moment)
         over, why = verdict.over or bool(stopped), verdict.why or stopped
         info = {**self._info(moment), "success": verdict.success, **({"ended": why} if over else {})}
-        return self._seen(moment), float(verdict.reward), over, self._ticks >= self._most_ticks and not over, info
+        is_late = self._ticks >= self._most_ticks and not over
+        if over or is_late:
+            self._judge = None  # nothing is won after the end
+        return self._seen(moment), float(verdict.reward), over, is_late, info
+
+    def close(self) -> None:
+        """No more steps."""
+        self._judge = None
 
     @abstractmethod
     def _begin(self, ball_rad: float) -> None:
@@ -99,6 +107,17 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
 
     def _info(self, moment: Moment) -> dict[str, Any]:
         return {"t": moment.t, "ball_angle_rad": moment.ball_angle}
+
+
+def _torque_of(action: Any) -> float:
+    """N m; ValueError for anything but one finite number."""
+    try:
+        numbers = np.asarray(action, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (1,) or not isfinite(numbers[0]):
+        raise ValueError(f"an action is an array with one torque in N m, not {action!r}")
+    return float(numbers[0])
 
 
 def observation(hoop_speed: float, ball_angle: float, ball_speed: float, last: float) -> Array:

@@ -84,12 +84,16 @@ class RigEnv(HoopEnv):
 
     def close(self) -> None:
         """Take the rig away."""
+        super().close()
+        self._take_away()
+
+    def _take_away(self) -> None:
         if self._rig is not None:
             self._rig.close()
             self._rig = None
 
     def _begin(self, ball_rad: float) -> None:
-        self.close()
+        self._take_away()
         plant = plant_arguments(self.physics.drawn(self.np_random), ball_rad)
         seed = int(self.np_random.integers(SEEDS))
         self._rig = SteppedRig(self._config, self._texts, plant, seed, self.task.suspends)

@@ -18,6 +18,7 @@ from hoopd.commands.options.declaration import from_python
 from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.commands.trajectory import plan_on, planned
 from hoopd.files.model import model_text
+from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, trajectory_text
 from hoopd.files.whole_files import replace_file
 from hoopd.lab.models import Model, shipped
@@ -67,6 +68,8 @@ class PlannedManeuver:
 
     def save(self, path: Path | str) -> Path:
         """Write `hoopd.trajectory/1`, which `hoopd maneuver` plays."""
+        if Path(path).suffix not in (".yaml", ".yml"):
+            raise InputError(path, "", "must end in .yaml, as hoopd maneuver reads it")
         replace_file(Path(path), trajectory_text(self.file).encode())
         return Path(path)
 

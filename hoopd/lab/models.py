@@ -163,6 +163,8 @@ def as_model(given: Model | Path | str) -> Model:
 
 def shipped(folder: str, name: Path | str) -> Path:
     """A path as it stands, or the shipped file of a bare name; InputError tells which names there are."""
+    if not isinstance(name, Path | str):
+        raise InputError(name, "", f"a path or a shipped name of {folder} is expected")
     path = Path(name)
     if path.suffix or path.exists() or len(path.parts) > 1:
         return path

@@ -60,7 +60,7 @@ def draw_maneuver(runs: Sequence[RecordedManeuver], trajectory: TrajectoryFile) 
     off.axhline(0.0, color=style.GREY, linewidth=0.6)
     style.legend(angle)
     figure.axes[-1].set_xlim(0.0, t[-1] + AFTER_S)
-    _words(figure.axes, ("torque (N m)", "hoop speed (rad/s)", "ball (turns)", "ball off the plan (rad)"))
+    _words(figure.axes, ("torque (N m)", "hoop speed (rad/s)", "ball (turns)", "off the plan (rad)"))
     return figure
 
 
@@ -74,9 +74,12 @@ def _attempt(axes: Sequence[Axes], run: RecordedManeuver, planned_t: Array, plan
     angle.plot(t, (states[:, 2] - run.bottom) / tau, color=style.BLUE, linewidth=0.9, label=names[0])
     seen_t, seen = run.seen_t[shown] - run.t[0], (run.seen[shown] - run.bottom) / tau
     angle.plot(seen_t, seen, ".", color=style.ORANGE, markersize=3, label=names[1])
-    inside = t <= planned_t[-1]
-    ahead = np.interp(t[inside], planned_t, planned[:, 2])
-    off.plot(t[inside], states[inside, 2] - run.bottom - ahead, color=style.BLUE, linewidth=0.9)
+    end, plan = planned_t[-1], planned[:, 2]
+    estimate = states[t <= end, 2] - run.bottom - np.interp(t[t <= end], planned_t, plan)
+    off.plot(t[t <= end], estimate, color=style.BLUE, linewidth=0.9)
+    looked = seen_t <= end
+    camera = tau * seen[looked] - np.interp(seen_t[looked], planned_t, plan)
+    off.plot(seen_t[looked], camera, ".", color=style.ORANGE, markersize=3)
 
 
 def _limits(axes: Axes, values: Sequence[float]) -> None:

@@ -42,6 +42,7 @@ REFUSED = {
     "a way that is none": (["loop", *MODEL, "--turn", "2"], "turn must be 1 or -1, not 2"),
     "no contact": (["loop", *MODEL, "--contact", "1.5"], "contact must be from 0 to below 1"),
     "too little torque": (["loop", *MODEL, "--max-torque", "0.05", "--seconds", "1.4"], "it would exceed torque by"),
+    "a speed at which control ends": (["loop", *MODEL, "--max-speed", "60"], "--max-speed: must be below 60 rad/s"),
     "no file of that kind": (["loop", *MODEL, "--out", "loop.txt"], "--out: must end in .yaml or .yml"),
     "a law of nothing": (["loop", *MODEL, "--controller", "controllers/lqg.yaml"], "goes with --law"),
     "no model": (["loop", "--model", "none.yaml"], "none.yaml: no such file"),

@@ -100,7 +100,7 @@ def test_the_written_model_is_simulated_no_worse_than_any_kind_and_says_which_it
     ]  # fmt: skip
     best = max(each, key=lambda one: one.percent)
     assert best.percent > each[0].percent + 1.0  # the user's is off
-    assert written.note.startswith(f"parameters of the model: {chosen(each).kind}, for blocks ")
+    assert written.note.startswith(f"parameters of the model are those of {chosen(each).kind}: ")
     assert abs(written.fit.values["K2"] / PLANT.values["K2"] - 1.0) < 0.03
     assert found.values["K2"] != users["K2"]  # the fit itself is as it was
 

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -141,6 +142,34 @@ def test_what_cannot_be_meant_is_one_line() -> None:
         PlantEnv().reset(options={"speed": 1.0})
     with pytest.raises(gymnasium.error.ResetNeeded):
         PlantEnv().step(np.zeros(1, np.float32))
+    with pytest.raises(ValueError, match="has no inner hoop"):
+        PlantEnv("up", model="models/hoop.yaml")
+    with pytest.raises(ValueError, match=r"effects: .*nope"):
+        PlantEnv(effects={"nope": {}})
+
+
+@pytest.mark.parametrize("action", [[0.1, 0.2], [], 0.1, [float("nan")], "0.1"])
+def test_an_action_is_one_torque(action: object) -> None:
+    env = PlantEnv()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="one torque in N m"):
+        env.step(cast("Any", action))
+
+
+@pytest.mark.parametrize("over", ["plant", "rig"])
+def test_nothing_is_won_after_the_end(over: str) -> None:
+    env = hoops.make("bottom", over).unwrapped
+    env.reset(seed=0, options={"ball_rad": 0.0})
+    try:
+        over_at = next(k for k in range(500) if env.step(np.zeros(1, np.float32))[2])
+        assert over_at > 10
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            env.step(np.zeros(1, np.float32))
+        env.reset(seed=0)
+    finally:
+        env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(1, np.float32))
 
 
 @cache

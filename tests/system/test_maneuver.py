@@ -146,6 +146,25 @@ def test_what_does_not_fit_is_refused_before_anything_moves(tmp_path: Path) -> N
         played(tmp_path, file=other)
     with pytest.raises(InputError, match="ball_expected"):
         played(tmp_path, "faults.ball_expected=false")
+    with pytest.raises(InputError, match=r"plan.torques_nm: asks for 0.3\d* N m, and 0.1 N m are in force"):
+        played(tmp_path, "limits.torque_nm=0.1")
+    with pytest.raises(InputError, match="the filter's model has none"):
+        played(tmp_path, file=msgspec.structs.replace(trajectory(), maneuver="up"))
+
+
+def test_with_less_torque_in_force_a_plan_that_fits_is_played(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = played(tmp_path, "limits.torque_nm=0.5")
+    assert result["succeeded"] == 1, result
+    assert torque_log.read(tmp_path / "torque.jsonl").max_abs() <= 0.5
+    assert result["notes"] == ["hoop.yaml has changed since the maneuver was planned on it"]
+    assert result["notes"][0] in capsys.readouterr().err
+
+
+def test_a_plan_of_another_model_is_told_of(tmp_path: Path) -> None:
+    result = played(tmp_path, file=msgspec.structs.replace(trajectory(), model="heavy.yaml"))
+    assert result["notes"] == ["planned on heavy.yaml, and the filter's model is hoop.yaml"]
 
 
 def test_one_that_is_switched_off_before_its_first_torque_is_none() -> None:

@@ -10,12 +10,16 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from math import isfinite
+from numbers import Real
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 
 from hoopd.commands.options.help_page import HelpCommand
 from hoopd.files.reading import InputError
+
+# Types of fields that are numbers.
+NUMBERS = (int, float, int | None, float | None)
 
 Record = TypeVar("Record")
 REQUIRED: Any = MISSING
@@ -73,6 +77,8 @@ def from_python(record: type[Record], **given: Any) -> Record:
     told = {known[name]: value for name, value in given.items() if value is not None}
     for name, value in told.items():
         _check_finite(option_name(record, name), value)
+        if hints[name] in NUMBERS and not isinstance(value, Real):
+            raise InputError(option_name(record, name), "", f"must be a number, not {value!r}")
     return record(**{name: _as_field(value, hints[name]) for name, value in told.items()})
 
 

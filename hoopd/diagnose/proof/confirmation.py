@@ -61,6 +61,7 @@ class Confirmation:
     # they are not surely better with a name that needs it
     harmful: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     unlikely: frozenset[str] = frozenset()  # names that are hardly the law in their place
+    whole: str = ""  # why none of all names together is confirmed
 
     def reason(self, name: str) -> str:
         """Why a finding is not confirmed, weak, or in no model; empty where nothing more is to be said."""
@@ -69,6 +70,8 @@ class Confirmation:
         lost = self.harmful.get(name)
         if name in self.unlikely and not lost:
             return HARDLY
+        if self.whole and not lost and self.statuses.get(name) == "weak":
+            return self.whole
         return "" if lost is None else reason_of(lost)
 
 
@@ -95,6 +98,8 @@ def confirmation(
         if proof.joint is not None and not by_curve and names.kept is named.final:
             final = proof.joint
     shown = fits if final is not names.kept or not fits else {**fits, "final": names.heldout or fits["named"]}
+    if whole := _of_all(fits, names.heldout, seed):
+        own |= {name: "weak" for name, status in own.items() if status == "confirmed"}
     refused = frozenset(
         one.effect.name for one in named.accepted
         if (why := names.denials.get(one.effect.name)) is not None
@@ -106,7 +111,21 @@ def confirmation(
         if name in harmful or (name in barely and own[name] == "weak" and not _simulates_better(name, fits, seed))
     ]  # fmt: skip
     written = _fitted_without(names.kept, left_out)
-    return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful)
+    return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful, whole=whole)
+
+
+def _of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> str:
+    """Why held-out data confirm none of the names, whatever each of them gains: all together simulate them worse than
+    the user's own model, or worse than their mean. Empty where they do not."""
+    if together is None or "nominal" not in fits:
+        return ""
+    if lost := lowered(fits["nominal"], together, seed):
+        name, points = max(lost.items(), key=lambda one: one[1])
+        return f"with all that is named, held-out {name} is simulated {points:.1f} points worse than by your own model"
+    percents = [value for runs in together.by_recording().values() for value in nrmse(runs).values()]
+    if percents and np.nanmax(percents) <= 0.0:
+        return "with all that is named, held-out data are simulated no better than by their mean"
+    return ""
 
 
 def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int = 0) -> Confirmation:

@@ -166,6 +166,6 @@ def _with(found: HypothesisFit, values: Mapping[str, float], wrong: Mapping[str,
 def _note(best: ParameterSet, each: Sequence[ParameterSet]) -> str:
     others = "; ".join(f"{one.kind}: {one.percent:.1f} %" for one in each if one is not best)
     return (
-        f"parameters of the model: {best.kind}, for blocks that were held back of the recordings are simulated best "
-        f"with them ({best.percent:.1f} %" + (f"; {others})" if others else ")")
+        f"parameters of the model are those of {best.kind}: they simulate best what was held back of the recordings, "
+        f"block by block ({best.percent:.1f} %" + (f"; {others})" if others else ")")
     )

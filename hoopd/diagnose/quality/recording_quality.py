@@ -40,6 +40,8 @@ Mask = NDArray[np.bool_]
 STUCK_S = 0.2
 # Unevenness of sampling that is worth a line: at 20 rad/s more than an encoder's count.
 JITTER_S = 1e-4
+# Times the usual size that nothing moves by.
+UNUSUAL = 100.0
 # A ball that was at rest is seen, when it begins to move, within this of where it was.
 RESTED_SIGMAS = 8.0
 
@@ -105,6 +107,7 @@ def assess(recording: Recording, plant: Plant) -> Quality:
             *(judges.doubts or doubts)(recording),
             *_told(clock(recording)),
             *_limited(recording, plant),
+            *_in_other_units(recording, plant),
             *(note for name, one in sensors.items() if one.is_camera for note in _slow_camera(whole, channels[name])),
             *(note for name, one in sensors.items() if _is_counted(one) for note in _uneven(channels[name])),
         ],
@@ -235,10 +238,36 @@ def _told(found: Clock) -> list[str]:
 
 
 def _limited(recording: Recording, plant: Plant) -> list[str]:
-    """An input that stays at its largest value says nothing of what was asked for."""
-    shares = {one.name: saturated_share(recording.column(one.name)) for one in plant.inputs}
+    """An input that stays at its largest value says nothing of what was asked for, and one that never moves nothing."""
+    columns = {one.name: recording.column(one.name) for one in plant.inputs}
+    shares = {one.name: saturated_share(columns[one.name], one.limit) for one in plant.inputs}
     words = {one.name: f"the {plant.input_word}" if one is plant.inputs[0] else one.name for one in plant.inputs}
-    return [f"{words[name]} stays at its limit in {share:.0%} of the rows" for name, share in shares.items() if share]
+    still = [name for name, u in columns.items() if np.isfinite(u).any() and np.nanmin(u) == np.nanmax(u)]
+    return [
+        *(f"{words[name]} is the same in all rows: the recording does not tell what it does" for name in still),
+        *(
+            f"{words[name]} stays at its limit in {100.0 * share:.2g} % of the rows"
+            for name, share in shares.items() if share
+        ),
+    ]  # fmt: skip
+
+
+def _in_other_units(recording: Recording, plant: Plant) -> list[str]:
+    """A place that moves by a hundred times of what is said to be usual is told in another unit, as likely as not; an
+    angle may turn on and on."""
+    told = []
+    for name, channel in plant.channels.items():
+        usual = plant.scales.get(channel.state, np.inf)
+        if not plant.is_length(channel.state) or channel.state in plant.recorded:
+            continue
+        seen = recording.column(name)[np.isfinite(recording.column(name))]
+        span = float(np.ptp(seen)) if len(seen) else 0.0
+        if span > UNUSUAL * usual:
+            told.append(
+                f"{name} moves by {span:.3g} {channel.unit}, {span / usual:.0f} times what {plant.name} calls usual: "
+                f"is it told in {channel.unit} (--columns {name}=NAME:UNIT)?"
+            )  # fmt: skip
+    return told
 
 
 def _uneven(place: JudgedSamples) -> list[str]:

@@ -96,10 +96,11 @@ def _driven(u: Array, level: float) -> bool:
     return bool(np.mean(u >= 0.999 * level) > 0.5)
 
 
-def saturated_share(u: Array) -> float:
-    """Share of rows that stay at the largest value, of an input with more than a few levels (else 0: two levels)."""
+def saturated_share(u: Array, limit: float | None = None) -> float:
+    """Share of rows that stay at the limit of an input with more than a few levels (else 0: two levels); of one whose
+    limit nobody knows, at its largest value."""
     seen = np.abs(u[np.isfinite(u)])
     if len(seen) == 0 or len(np.unique(seen)) < LEVELS:
         return 0.0
-    top = seen >= seen.max() * (1.0 - 1e-6)
+    top = seen >= (seen.max() if limit is None else limit) * (1.0 - 1e-6)
     return sum(b - a + 1 for a, b in stretches(top) if b - a + 1 >= STAYS) / len(seen)
