@@ -190,7 +190,13 @@ def test_gaps_jitter_and_set_clocks_are_seen():
 def test_a_torque_that_stays_at_its_limit_is_told():
     recording = spoiled.clean(1)
     wave = 0.1 * np.sin(2.0 * np.pi * recording.t)
-    for u, told in ((np.clip(wave, -0.08, 0.08), True), (wave, False)):
+    held = np.repeat(np.random.default_rng(3).normal(0.0, 0.1, len(wave) // 5 + 1), 5)[: len(wave)]
+    for u, told in (
+        (np.clip(wave, -0.08, 0.08), True),
+        (wave, False),
+        (held, False),
+        (np.clip(10 * wave, -0.7, 0.7), True),
+    ):
         notes = assess(replace(recording, u=u)).notes
         assert any("stays at its limit" in note for note in notes) == told
 
@@ -305,3 +311,9 @@ def test_a_reading_that_an_input_moves_by_way_of_another_state_has_no_false_valu
     judged = recording_quality.assess(from_signals(t, {"V": u}, {"v": v}), circuit)
     assert judged.segments == [] and judged.channels["v"].numbers["counts"] == len(t)
     assert judged.channels["v"].sigma == pytest.approx(0.02, rel=0.1)
+
+
+def test_an_input_that_never_moves_is_told():
+    recording = spoiled.clean(1)
+    notes = assess(replace(recording, u=np.zeros_like(recording.u))).notes
+    assert any("is the same in all rows" in note for note in notes)

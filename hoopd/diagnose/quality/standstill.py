@@ -29,6 +29,8 @@ SHIFT_STEPS, SHIFT_ROWS = 3.0, 15
 MISSING_STEPS = 1.5
 # So many largest values in a row are a limit (a sine has two at its peak), unless there are only a few levels at all.
 STAYS, LEVELS = 3, 8
+# At a limit that nobody told of an input stays so many times as long as it is usually held.
+HELD_LONGER = 3.0
 
 
 class Clock(NamedTuple):
@@ -97,10 +99,13 @@ def _driven(u: Array, level: float) -> bool:
 
 
 def saturated_share(u: Array, limit: float | None = None) -> float:
-    """Share of rows that stay at the limit of an input with more than a few levels (else 0: two levels); of one whose
-    limit nobody knows, at its largest value."""
+    """Share of rows that stay at an input's known limit; else at its largest value, for longer than it is held anywhere
+    else, of an input with more than a few levels (else 0: two levels)."""
     seen = np.abs(u[np.isfinite(u)])
     if len(seen) == 0 or len(np.unique(seen)) < LEVELS:
         return 0.0
-    top = seen >= (seen.max() if limit is None else limit) * (1.0 - 1e-6)
-    return sum(b - a + 1 for a, b in stretches(top) if b - a + 1 >= STAYS) / len(seen)
+    is_known = limit is not None and seen.max() >= limit * (1.0 - 1e-6)
+    top = seen >= (limit if is_known and limit is not None else seen.max()) * (1.0 - 1e-6)
+    held = np.diff(np.flatnonzero(np.diff(u[np.isfinite(u)], prepend=np.nan, append=np.nan) != 0.0))
+    least = STAYS if is_known else max(STAYS, HELD_LONGER * float(np.median(held)))
+    return sum(b - a + 1 for a, b in stretches(top) if b - a + 1 >= least) / len(seen)
