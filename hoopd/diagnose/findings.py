@@ -133,7 +133,8 @@ def _effect(
     effect, loss = tried.effect, named.losses[name]
     gain, ablation = None, None
     if percents:
-        gain, ablation = _taken_out(loss, percents["named"], percents[f"without {name}"])
+        with_it = percents.get(f"with {name}", percents["named"])
+        gain, ablation = _taken_out(loss, with_it, percents[f"without {name}"])
         ablation = replace(ablation, heldout_nats=heldout_nats(heldout, name))
     needed = needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks])
     return EffectFinding(
@@ -165,7 +166,8 @@ def is_in_vocabulary(name: str, found: HypothesisFit) -> bool:
 
 def heldout_nats(heldout: Mapping[str, Played], name: str) -> float:
     """Nats that the held-out data gain by a name beside the others."""
-    return heldout[f"without {name}"].fit.criterion - heldout["named"].fit.criterion
+    with_it = heldout.get(f"with {name}", heldout["named"])
+    return heldout[f"without {name}"].fit.criterion - with_it.fit.criterion
 
 
 def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, float]) -> tuple[float, Ablation]:

@@ -191,7 +191,7 @@ def _diagnosed(case: Case) -> Outcome:
     stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds))
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
     table = msgspec.structs.replace(table, heldout=fits_of({**said.fits, **_saved(said, runs)}) if fits else {})
-    effects = effects_of(named, fits, threshold, faults, apart, proofs, said)
+    effects = effects_of(named, said.fits, threshold, faults, apart, proofs, said)
     if unknown is not None:
         effects = sorted(
             [*effects, unknown_finding(unknown, fits, said)],

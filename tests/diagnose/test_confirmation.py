@@ -17,7 +17,7 @@ from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
 from hoopd.diagnose.proof import replacement, worse_channels
-from hoopd.diagnose.proof.confirmation import HARDLY, Confirmation, confirmation, less_sure, reach, status_of
+from hoopd.diagnose.proof.confirmation import HARDLY, Confirmation, confirmation, less_sure, of_all, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
 from hoopd.diagnose.proof.fit_tables import Played, played
@@ -36,6 +36,7 @@ from hoopd.plants.likelihood.stretches import Stretch
 PLANT = shipped_plant()
 FRICTION = library(PLANT)["hoop.coulomb_friction"]
 LIMIT = library(PLANT)["actuator.saturation"]
+TILT = library(PLANT)["frame.tilt"]
 SIZE = {f"{FRICTION.name}.Fc": 0.03}
 
 
@@ -575,3 +576,33 @@ def test_what_is_beyond_its_bounds_is_told_of_plant_and_effects_and_a_phase_is_n
     )
     kept.values = {**values, "J11": 0.1, f"{FRICTION.name}.Fc": 1e-3}
     assert outside(found) == []
+
+
+def test_names_are_proven_beside_those_that_are_kept(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
+    """One that is refused beside them lowers and raises what the others gain."""
+    base, right = fits
+    train = [track.stretch for track in base.tracks]
+    off = {**right.values, f"{TILT.name}.d": 0.3}
+    both = fit(train, (FRICTION, TILT), off, like=right, noise=right.noise, move=False)
+    tilted = fit(train, (TILT,), off, like=base, noise=base.noise, move=False)
+    scores: list[Any] = [SimpleNamespace(member=SimpleNamespace(effect=one)) for one in (FRICTION, TILT)]
+    tried = [Tried(s.member.effect, both, 500.0, 500.0, s) for s in scores]
+    named = Named(base, base, both, tried, tried, {FRICTION.name: 500.0, TILT.name: 20.0},
+                  {FRICTION.name: tilted, TILT.name: right})  # fmt: skip
+    found, all_of_them = confirmed(named, recorded("held", 2, friction=True))
+    assert [*found.denials] == [TILT.name] and found.statuses[FRICTION.name] == "confirmed"
+    assert found.fits["named"].fit.names == (FRICTION.name,) and all_of_them["named"].fit.names != (FRICTION.name,)
+    assert found.fits[f"without {FRICTION.name}"].fit.names == ()
+    assert found.fits[f"with {TILT.name}"].fit.names == (FRICTION.name, TILT.name)
+    assert found.fits[f"without {TILT.name}"] is found.fits["named"]
+
+
+def test_what_is_simulated_worse_than_by_the_users_own_model_is_confirmed_by_nothing(
+    wrong: tuple[HypothesisFit, HypothesisFit],
+) -> None:
+    base, final = wrong
+    held = HeldOut([recorded("held", 2, friction=False)])
+    yours, named = held.played_of(base), held.played_of(final)
+    assert yours is not None and named is not None
+    assert "points worse than by your own model" in of_all({"nominal": yours}, named, 0)
+    assert of_all({"nominal": yours}, yours, 0) == "" and of_all({"nominal": yours}, None, 0) == ""

@@ -85,8 +85,9 @@ def confirmation(
     shuffled: Mapping[str, Placebo] | None = None,
 ) -> Confirmation:
     """Of every accepted effect; `fits`: as of `heldout_fits`; `proof`: of what has no name; `shuffled`: by name."""
-    own = {one.effect.name: _doubted(named, one, fits, threshold, shuffled or {}) for one in named.accepted}
     names = _of_names(named, held, fits, seed)
+    fits = _beside_kept(named, held, fits, names)
+    own = {one.effect.name: _doubted(named, one, fits, threshold, shuffled or {}) for one in named.accepted}
     harmful = simulated_worse(named, names.kept.names, seed)
     own |= {name: "weak" for name, lost in harmful.items() if lost}
     denials = dict(names.denials)
@@ -98,7 +99,7 @@ def confirmation(
         if proof.joint is not None and not by_curve and names.kept is named.final:
             final = proof.joint
     shown = fits if final is not names.kept or not fits else {**fits, "final": names.heldout or fits["named"]}
-    if whole := _of_all(fits, names.heldout, seed):
+    if whole := of_all(fits, names.heldout, seed):
         own |= {name: "weak" for name, status in own.items() if status == "confirmed"}
     refused = frozenset(
         one.effect.name for one in named.accepted
@@ -114,7 +115,7 @@ def confirmation(
     return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful, whole=whole)
 
 
-def _of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> str:
+def of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> str:
     """Why held-out data confirm none of the names, whatever each of them gains: all together simulate them worse than
     the user's own model, or worse than their mean. Empty where they do not."""
     if together is None or "nominal" not in fits:
@@ -193,6 +194,24 @@ def _of_names(named: Named, held: HeldOut, fits: Mapping[str, Played], seed: int
     return _Names(kept, on_held, denials)
 
 
+def _beside_kept(named: Named, held: HeldOut, fits: Mapping[str, Played], names: _Names) -> Mapping[str, Played]:
+    """What is proven beside names that were denied is none: each kept name beside the other kept ones, and each denied
+    one beside all of them (`with NAME`)."""
+    if not names.denials or names.heldout is None:
+        return fits
+    kept = [one.effect for one in named.accepted if one.effect.name in names.kept.names]
+    found = {**fits, "named": names.heldout}
+    for one in named.accepted:
+        name, is_kept = one.effect.name, one.effect in kept
+        beside = [effect for effect in kept if effect.name != name] if is_kept else [*kept, one.effect]
+        other = held.played_of(fitted_with(named, beside))
+        if other is not None and is_kept:
+            found[f"without {name}"] = other
+        elif other is not None:
+            found |= {f"without {name}": names.heldout, f"with {name}": other}
+    return found
+
+
 def _without(named: Named, dropped: Sequence[str]) -> HypothesisFit:
     """The others fitted again; a fit that was made already is taken."""
     return fitted_with(named, [one.effect for one in named.accepted if one.effect.name not in dropped])
@@ -240,7 +259,7 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
     name = one.effect.name
     if not fits:
         return "untested"
-    without, with_it = fits[f"without {name}"], fits["named"]
+    without, with_it = fits[f"without {name}"], fits.get(f"with {name}", fits["named"])
     if reach(one.effect, without.fit, with_it.fit) < LEAST_REACH:
         return "untested"
     # what held-out data are not more likely with, they do not bear out
