@@ -85,11 +85,13 @@ def _restore(options: HealOptions) -> dict[str, Any]:
     from hoopd.commands.operator import ask
 
     folder, number = _folder(options), version_number(options.number, "heal")
-    version = folder.read(number)
+    version, device = folder.read(number), folder.loop().device
     if version.accepted is None:
         raise InputError(folder.folder, str(number), f"never acted (it is {version.state.replace('_', ' ')})")
     folder.check(number)
-    answer = ask({"command": "controller", "key": version.key}, options.config, options.sets)
+    answer = ask(
+        {"command": "controller", "key": version.key}, options.config, (*options.sets, f"device.name={device}")
+    )
     folder.keep(version, time.time(), f"restored by {user_name()}")
     folder.acts(version.acts_as)
     return {"version": number, "key": version.key, "mode": answer["mode"], "says": f"version {number} acts"}

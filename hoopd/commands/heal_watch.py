@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,18 +22,21 @@ import typer
 from hoopd.commands.options.heal import HealOptions
 from hoopd.commands.version_words import user_name
 from hoopd.files.heal_versions import VersionFolder
+from hoopd.files.memory import load_memory
 from hoopd.files.reading import InputError
+from hoopd.files.whole_files import check_target
 
 if TYPE_CHECKING:
     from hoopd.commands.heal_work import HealWorker
     from hoopd.dashboard.device import ShownDevice
     from hoopd.dashboard.feed import Connection
+    from hoopd.files.heal_policy import HealPolicy
     from hoopd.heal.healing import Healing
     from hoopd.heal.plan import HealPlan, HealWork
     from hoopd.heal.resumption import LoopFiles
     from hoopd.shell.config import Config
 
-LOOK_S, WAITING_S, AGAIN_S, LAST_S = 0.2, 10.0, 1.0, 5.0
+LOOK_S, AGAIN_S, LAST_S = 0.2, 1.0, 5.0
 NICE = 5  # of this process; what it starts gets what nobody else wants
 
 
@@ -44,6 +48,11 @@ def watch(options: HealOptions) -> None:
     plan = _plan(options)
     policy = None if options.policy is None else load_policy(options.policy)
     config = _config(options)
+    if policy is not None and options.policy is not None:
+        _check_names(policy, options.policy, config, options.config)
+    if options.memory is not None:
+        check_target(options.memory, "--memory")
+        load_memory(options.memory, None)
     recordings = _recordings(options, config)
     folder = VersionFolder(options.out)
     folder.begin(config.device.name)
@@ -61,6 +70,27 @@ def watch(options: HealOptions) -> None:
                     time.sleep(AGAIN_S)
         finally:
             connection.close()
+
+
+def _check_names(policy: HealPolicy, path: Path, config: Config, config_path: Path | None) -> None:
+    """InputError for a name that is none: a limit on it would be a limit on nothing."""
+    from hoopd.daemon.build import model_path
+    from hoopd.plants.effects.grammar.mechanisms import mechanisms
+    from hoopd.plants.effects.vocabulary import known_effects
+    from hoopd.plants.model_file import effects_plant, load_model
+
+    model = load_model(model_path(config, config_path))
+    limited = [key.rpartition(".")[0] for key in policy.largest if "." in key]
+    plant = effects_plant(model)
+    effects = known_effects(plant, [*mechanisms(plant), *limited])
+    for index, pattern in enumerate(policy.effects):
+        if not any(fnmatchcase(name, pattern) for name in effects):
+            raise InputError(path, f"effects[{index}]", f"no effect is called {pattern} (docs/reference/effects.md)")
+    for key in policy.largest:
+        name, _, parameter = key.rpartition(".")
+        known = {one.name for one in effects[name].parameters} if name in effects else set(model.parameters)
+        if parameter not in known or (name and name not in effects):
+            raise InputError(path, f"largest.{key}", "no effect or parameter is called so")
 
 
 def _plan(options: HealOptions) -> HealPlan:
@@ -92,14 +122,15 @@ def _recordings(options: HealOptions, config: Config) -> Path:
 
 def _awaited(connection: Connection, name: str) -> ShownDevice:
     """The daemon, as soon as it tells of itself and of what was accepted."""
-    due = time.monotonic()
+    said = ""
     while True:
         device = connection.devices.get(name)
         if device is not None and device.alive and device.history.count and _accepted(device):
             return device
-        if time.monotonic() >= due:
-            typer.echo(f"waiting for {name}: {connection.trouble or 'it says nothing of an accepted controller'}")
-            due = time.monotonic() + WAITING_S
+        why = connection.trouble or "it says nothing of an accepted controller"
+        if why != said:
+            typer.echo(f"waiting for {name}: {why}")
+            said = why
         time.sleep(LOOK_S)
 
 

@@ -5,6 +5,7 @@ Rules of this file: the order of the steps, which `learn_steps` does, and when t
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,12 +17,14 @@ from hoopd.commands.learn_steps import Progress, Steps, set_aside
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
 from hoopd.commands.output import check_json
+from hoopd.commands.plant_inputs import other_model, plant_path
 from hoopd.commands.step_commands import StepError
 from hoopd.files.campaign_progress import LOCK, TAKEN, BelievedRun
 from hoopd.files.folder_lock import alone_in
 from hoopd.files.json_files import read_json, write_json
+from hoopd.files.memory import load_memory
 from hoopd.files.reading import InputError
-from hoopd.files.whole_files import replace_file
+from hoopd.files.whole_files import check_target, file_bytes, replace_file
 from hoopd.learn.belief import Belief
 from hoopd.learn.campaign import (
     Campaign,
@@ -35,7 +38,9 @@ from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
 from hoopd.plants.layout import layout_of
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.registry import resolve_plant
-from hoopd.recording.slices import read_recording
+from hoopd.recording.formats import split_path
+from hoopd.recording.slices import read_recording, split_slice
+from hoopd.shell.config import load as load_config
 
 # Whether this may be played on a device.
 MayPlay = Callable[[str], bool]
@@ -63,6 +68,7 @@ def run(
 ) -> dict[str, Any]:
     """The result as plain data; StepError, InputError. `may_play` is asked before a device is driven."""
     campaign, budget_s = Campaign(options.out), seconds_of(options.budget)
+    _check_files(options)
     campaign.begin(_asked(options, budget_s))
     with alone_in(options.out, LOCK, TAKEN):
         try:
@@ -95,6 +101,18 @@ def _check(options: LearnOptions) -> None:
         raise InputError("--sim", "", "or --config FILE: where shall be recorded?")
 
 
+def _check_files(options: LearnOptions) -> None:
+    """InputError for files that are not what they should be, before a folder is made or anything is recorded."""
+    plant = None if options.plant is None else other_model(options.plant, None)
+    if options.recordings:
+        _digests(options.recordings, options.plant)
+    elif plant is None:
+        load_config(options.config, sim=options.sim, overrides=list(options.sets))
+    if options.memory is not None:
+        check_target(options.memory, "--memory")
+        load_memory(options.memory, None if plant is None else plant.plant.name)
+
+
 def _asked_for(text: str, options: LearnOptions, progress: ProgressLine) -> bool:
     """Whether a device may be driven: asked on a terminal, unless nothing shall be."""
     if options.sim or options.yes:
@@ -109,9 +127,10 @@ def _given(steps: Steps) -> dict[str, Any]:
     """What recordings of another plant say together, and the input that is to be played next, by hand."""
     campaign, texts = steps.campaign, steps.options.recordings
     runs = campaign.runs(steps.options.confidence)
-    if not runs or runs[-1].choice.words != texts:
+    given = ChosenRun(texts, "was recorded by hand", sha256=_digests(texts, steps.options.plant))
+    if not runs or (runs[-1].choice.words, runs[-1].choice.sha256) != (given.words, given.sha256):
         files = campaign.run_files(len(runs) + 1)
-        campaign.keep(files, ChosenRun(texts, "was recorded by hand"), _seconds_of(texts, steps.options.plant))
+        campaign.keep(files, given, _seconds_of(texts, steps.options.plant))
         steps.diagnose(files, texts, len(runs) + 1)
         runs = campaign.runs(steps.options.confidence)
     last = runs[-1]
@@ -122,6 +141,13 @@ def _given(steps: Steps) -> dict[str, Any]:
     result |= {"recorded_s": last.seconds, "next": told}
     _tell(campaign, runs, result, None)
     return result
+
+
+def _digests(texts: Sequence[str], plant: str | None) -> tuple[str, ...]:
+    """Under the same name there may be another recording, or another plant."""
+    files = [split_path(split_slice(text)[0])[0] for text in texts]
+    own = plant_path(plant)
+    return tuple(hashlib.sha256(file_bytes(file)).hexdigest() for file in [*files, *([] if own is None else [own])])
 
 
 def _seconds_of(texts: Sequence[str], plant: str | None) -> float:

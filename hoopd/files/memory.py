@@ -66,16 +66,17 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, diagnoses=[*self.without(one.recordings).diagnoses, one])
 
 
-def load_memory(path: Path, of: str) -> tuple[Memory, str]:
-    """A memory of `of` and its SHA-256; an empty one, and no hash, where there is no file yet. InputError."""
+def load_memory(path: Path, of: str | None) -> tuple[Memory, str]:
+    """A memory of `of` (None: of anything) and its SHA-256; an empty one, and no hash, where there is no file yet.
+    InputError."""
     if not path.exists():
-        return Memory(of=of), ""
+        return Memory(of=of or ""), ""
     data = file_bytes(path)
     try:
         memory: Memory = msgspec.json.decode(data, type=Memory, strict=True)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(path, "", f"not a hoopd.memory/1: {error}") from None
-    if memory.of != of:
+    if of is not None and memory.of != of:
         raise InputError(path, "of", f"is of {memory.of}, not of {of}: another file")
     for one in memory.diagnoses:
         check_date(path, one.date)

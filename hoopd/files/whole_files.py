@@ -49,6 +49,8 @@ def check_target(path: Path, option: str) -> None:
 
 def begin_folder(folder: Path, option: str, wanted: str) -> None:
     """Make a folder; InputError where it cannot be, or holds something else already. `wanted`: what it will hold."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, option, "is no folder")
     if folder.exists() and any(folder.iterdir()):
         raise InputError(folder, option, f"holds other files and no {wanted}")
     try:

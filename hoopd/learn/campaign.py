@@ -47,6 +47,11 @@ class CampaignRequest(msgspec.Struct, frozen=True, kw_only=True):
     plant: str | None = None
 
 
+def _words(value: Any) -> str:
+    """What was asked, as it is given."""
+    return " ".join(map(str, value)) or "none" if isinstance(value, tuple) else "none" if value is None else str(value)
+
+
 @dataclass(frozen=True)
 class RunFiles:
     """Files of one recording and of what was thought after it."""
@@ -119,9 +124,11 @@ class Campaign:
     def _check_same(self, asked: CampaignRequest, path: Path) -> None:
         before = read_json(path, CampaignRequest)
         for name in CampaignRequest.__struct_fields__:
-            if getattr(before, name) != getattr(asked, name):
-                told = f"was begun with {getattr(before, name)!r}, not {getattr(asked, name)!r}: another --out"
-                raise InputError(path, name, told)
+            was, now = getattr(before, name), getattr(asked, name)
+            if was != now and name != "budget_s":
+                raise InputError(path, name, f"was begun with {_words(was)}, not with {_words(now)}: another --out")
+        if asked.budget_s != before.budget_s:  # more, or less, may be recorded than was thought
+            write_json(path, asked)
 
     def run_files(self, number: int) -> RunFiles:
         """Of the run with this number, from 1."""

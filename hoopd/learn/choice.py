@@ -42,6 +42,7 @@ class ChosenRun:
     reason: str
     expected_nats: float | None = None
     amplitude_nm: float | None = None  # where a limit has ended it too early
+    sha256: tuple[str, ...] = ()  # of what was recorded by hand, and of its plant's file
 
     @property
     def played(self) -> tuple[str, ...]:

@@ -58,8 +58,16 @@ def test_a_person_s_word_lies_beside_the_version_until_somebody_watches(tmp_path
 def test_any_version_that_acted_is_restored_by_one_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     versions, asked = kept(tmp_path / "healed"), list[dict[str, Any]]()
     versions.acts(1)
-    monkeypatch.setattr(operator, "ask", lambda request, *_: asked.append(request) or {"mode": "RUNNING"})
+    devices: list[str] = []
+
+    def ask(request: dict[str, str], config: object, sets: tuple[str, ...]) -> dict[str, str]:
+        asked.append(request)
+        devices.append(sets[-1])
+        return {"mode": "RUNNING"}
+
+    monkeypatch.setattr(operator, "ask", ask)
     assert told(["restore", "0"], versions.folder)["says"] == "version 0 acts"
+    assert devices == [f"device.name={versions.loop().device}"]  # no other daemon's loop
     assert asked == [{"command": "controller", "key": "lqg.yaml@" + "0" * 64}] and versions.loop().acting == 0
     code, _, errors = call(["heal", "restore", "2", "--out", str(versions.folder)])
     assert code == 2 and "2: never acted (it is left)" in errors
@@ -77,6 +85,11 @@ def test_any_version_that_acted_is_restored_by_one_command(tmp_path: Path, monke
         ("schema: hoopd.policy/1\nparameter_change: -1", "policy.yaml: parameter_change: "),
         ("schema: hoopd.policy/1\nlargest: {Fc: -0.1}", "policy.yaml: largest.Fc: expected SLOT.EFFECT.PARAMETER"),
         ("schema: hoopd.policy/1\npause_s: 5 N m", "policy.yaml: pause_s: "),
+        ("schema: hoopd.policy/1\neffects: [hoop.nosuch]", "policy.yaml: effects[0]: no effect is called hoop.nosuch"),
+        (
+            "schema: hoopd.policy/1\nlargest: {hoop.coulomb_friction.FC: 0.02}",
+            "policy.yaml: largest.hoop.coulomb_friction.FC: no effect or parameter is called so",
+        ),
     ],
 )
 def test_a_policy_that_cannot_be_meant_is_one_line(policy: str, line: str, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from harness.learn_kills import run_killed, running
 from harness.told_diagnosis import said
@@ -114,6 +115,7 @@ def test_what_a_person_has_to_do_is_told(tmp_path: Path, monkeypatch: pytest.Mon
         asked.append(read_progress(tmp_path / "campaign").asks)
         return False
 
+    (tmp_path / "device.yaml").write_text("device: {name: own}\n")
     command.run(options(tmp_path, sim=False, config=tmp_path / "device.yaml"), may_play=may)
     assert len(asked) == 1 and asked[0].startswith("whoever began it: may it play prbs, 22 s")
 
@@ -203,7 +205,7 @@ def test_what_ends_again_and_again_or_by_a_fault_ends_the_campaign(
 def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played(monkeypatch, said(), said(), said(), said())
     command.run(options(tmp_path))
-    with pytest.raises(InputError, match=r"learn.json: confidence: was begun with 0.95, not 0.8"):
+    with pytest.raises(InputError, match=r"learn.json: confidence: was begun with 0.95, not with 0.8"):
         command.run(options(tmp_path, confidence=0.8))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "mine.txt").write_text("x")
@@ -213,6 +215,7 @@ def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypat
 
 def test_a_device_is_not_driven_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = played(monkeypatch)
+    (tmp_path / "device.yaml").write_text("device: {name: own}\n")
     here = options(tmp_path, sim=False, config=tmp_path / "device.yaml")
     asked: list[str] = []
     result = command.run(here, may_play=lambda text: bool(asked.append(text)))
@@ -293,5 +296,33 @@ def test_the_lab_learns_by_the_same_command(tmp_path: Path) -> None:
     assert not learned.settled and learned.laws == [] and "5 s" in learned.result["ended_because"]
     asked = json.loads((tmp_path / "campaign" / "learn.json").read_text())
     assert asked["sets"] == ["sim.delay_frames=2"] and asked["sim"]
-    with pytest.raises(ValueError, match=r"budget_s: was begun with 5\.0"):
-        lab.learn(budget="9s", folder=tmp_path / "campaign")
+    with pytest.raises(ValueError, match=r"sets: was begun with sim.delay_frames=2, not with none"):
+        lab.learn(budget="5s", folder=tmp_path / "campaign")
+    lab.learn(budget="9s", folder=tmp_path / "campaign", sets={"sim.delay_frames": 2})
+    assert json.loads((tmp_path / "campaign" / "learn.json").read_text())["budget_s"] == 9.0
+
+
+def test_what_is_not_what_it_should_be_is_told_before_a_folder_is_made(tmp_path: Path) -> None:
+    memory = tmp_path / "memory.json"
+    memory.write_text("{")
+    for words in (
+        ["--config", str(tmp_path / "none.yaml")],
+        ["--sim", "--memory", str(memory)],
+        ["--sim", "--set", "nokey=3"],
+    ):
+        code, _, errors = call(["learn", *words, "--out", str(tmp_path / "c")])
+        assert code == 2 and errors.count("\n") == 1 and not (tmp_path / "c").exists()
+    code, _, errors = call(["learn", "--sim", "--out", str(memory)])
+    assert code == 2 and "is no folder" in errors
+
+
+def test_another_recording_of_the_same_name_is_looked_at_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = played(monkeypatch, said(), said())
+    day = tmp_path / "day.csv"
+    for k in range(2):
+        t = np.arange(0.0, 12.0, 0.02)
+        columns = [t, 0.01 * np.sin(t), 0.1 * np.sin(t), 0.1 * np.cos(t), (0.1 + 0.1 * k) * np.cos(t)]
+        np.savetxt(day, np.column_stack(columns), delimiter=",", header="t,u,theta,dtheta,psi", comments="")
+        for _ in range(2):
+            command.run(options(tmp_path, sim=False, recordings=(str(day),)))
+        assert steps.commands == ["diagnose"] * (k + 1)

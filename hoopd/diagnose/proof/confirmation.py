@@ -30,6 +30,7 @@ from hoopd.diagnose.record import Placebo, Status
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, Tried, needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import whitened_changes
+from hoopd.ident.normal import Z95
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
@@ -38,6 +39,7 @@ WEAK_NATS = 3.0
 # A name less likely than this is hardly the law in its place.
 LEAST_LIKELY = 0.01
 HARDLY = "other laws are far likelier in its place: it is less than 1 % likely"
+UNSIZED = "nobody knows how much there is of it: the 95 % intervals of all its sizes hold none"
 # Of an effect that changes the held-out data by less, they say nothing, nats.
 LEAST_REACH = UNSEEN_LOSS
 
@@ -62,11 +64,14 @@ class Confirmation:
     harmful: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     unlikely: frozenset[str] = frozenset()  # names that are hardly the law in their place
     whole: str = ""  # why none of all names together is confirmed
+    unsized: frozenset[str] = frozenset()  # names of which nobody knows how much there is
 
     def reason(self, name: str) -> str:
         """Why a finding is not confirmed, weak, or in no model; empty where nothing more is to be said."""
         if name in self.denials:
             return self.denials[name].reason
+        if name in self.unsized and self.statuses.get(name) == "weak":
+            return UNSIZED
         lost = self.harmful.get(name)
         if name in self.unlikely and not lost:
             return HARDLY
@@ -101,6 +106,8 @@ def confirmation(
     shown = fits if final is not names.kept or not fits else {**fits, "final": names.heldout or fits["named"]}
     if whole := of_all(fits, names.heldout, seed):
         own |= {name: "weak" for name, status in own.items() if status == "confirmed"}
+    unsized = frozenset(one.effect.name for one in named.accepted if is_unsized(one.effect, names.kept))
+    own |= {name: "weak" for name in unsized if own[name] == "confirmed"}
     refused = frozenset(
         one.effect.name for one in named.accepted
         if (why := names.denials.get(one.effect.name)) is not None
@@ -109,10 +116,11 @@ def confirmation(
     barely = {one.effect.name for one in named.accepted if surprise_in(named, one) < STRONG * threshold}
     left_out = [
         name for name in names.kept.names
-        if name in harmful or (name in barely and own[name] == "weak" and not _simulates_better(name, fits, seed))
+        if name in {*harmful, *unsized}
+        or (name in barely and own[name] == "weak" and not _simulates_better(name, fits, seed))
     ]  # fmt: skip
     written = _fitted_without(names.kept, left_out)
-    return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful, whole=whole)
+    return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful, whole=whole, unsized=unsized)
 
 
 def of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> str:
@@ -127,6 +135,13 @@ def of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> st
     if percents and np.nanmax(percents) <= 0.0:
         return "with all that is named, held-out data are simulated no better than by their mean"
     return ""
+
+
+def is_unsized(effect: Effect, found: HypothesisFit) -> bool:
+    """Whether no size of an effect is told from none (95 %)."""
+    sizes = [(effect.key(p.name), p.neutral) for p in effect.parameters if p.role == "amplitude"]
+    known = [(key, neutral) for key, neutral in sizes if key in found.free]
+    return bool(known) and all(abs(found.values[key] - neutral) < Z95 * found.deviation(key) for key, neutral in known)
 
 
 def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int = 0) -> Confirmation:
