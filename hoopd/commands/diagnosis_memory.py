@@ -32,9 +32,8 @@ from hoopd.files.whole_files import file_bytes
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.plant_model import PlantModel
-from hoopd.recording.formats import split_path
 from hoopd.recording.mcap import read_run
-from hoopd.recording.slices import split_slice
+from hoopd.recording.slices import file_of
 
 MCAP = ".mcap"
 
@@ -87,7 +86,7 @@ def memory_of(options: DiagnoseOptions, texts: Sequence[str], base: PlantModel) 
     if options.memory is None:
         return None
     memory, sha256 = load_memory(options.memory, subject_of(base))
-    files = [split_path(split_slice(text)[0])[0] for text in texts]
+    files = [file_of(text) for text in texts]
     digests = tuple(dict.fromkeys(hashlib.sha256(file_bytes(file)).hexdigest() for file in files))
     return DiagnosisMemory(memory, sha256, digests, options.date or _date_of(files))
 

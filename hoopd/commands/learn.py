@@ -38,8 +38,7 @@ from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
 from hoopd.plants.layout import layout_of
 from hoopd.plants.model_file import HOOP
 from hoopd.plants.registry import resolve_plant
-from hoopd.recording.formats import split_path
-from hoopd.recording.slices import read_recording, split_slice
+from hoopd.recording.slices import file_of, read_recording
 from hoopd.shell.config import load as load_config
 
 # Whether this may be played on a device.
@@ -145,8 +144,7 @@ def _given(steps: Steps) -> dict[str, Any]:
 
 def _digests(texts: Sequence[str], plant: str | None) -> tuple[str, ...]:
     """Under the same name there may be another recording, or another plant."""
-    files = [split_path(split_slice(text)[0])[0] for text in texts]
-    own = plant_path(plant)
+    files, own = [file_of(text) for text in texts], plant_path(plant)
     return tuple(hashlib.sha256(file_bytes(file)).hexdigest() for file in [*files, *([] if own is None else [own])])
 
 

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import check_target, is_special
-from hoopd.recording.formats import split_path
-from hoopd.recording.slices import split_slice
+from hoopd.recording.slices import file_of
 
 
 def check_targets(inputs: Sequence[Path | str], outputs: Mapping[str, Path | None]) -> None:
@@ -48,7 +47,7 @@ def _file_of(text: Path | str) -> Path:
     with contextlib.suppress(OSError):  # a name too long
         if Path(text).exists():
             return Path(text)
-    return split_path(split_slice(str(text))[0])[0]
+    return file_of(str(text))
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -18,10 +18,9 @@ from hoopd.plots import style
 from hoopd.plots.panels import DIFFERENCE, RecordingPicture, compared_picture, picture
 from hoopd.plots.recording_page import recording_page
 from hoopd.plots.recordings import draw_picture
-from hoopd.recording.formats import split_path
 from hoopd.recording.pairs import paired
 from hoopd.recording.recording import Recording
-from hoopd.recording.slices import split_slice
+from hoopd.recording.slices import file_of
 
 PAGES = (".html", ".htm")
 
@@ -30,7 +29,7 @@ def target_of(options: PlotOptions) -> Path:
     """Where the picture goes; InputError when it cannot."""
     path = options.out
     if path is None:
-        file, _ = split_path(split_slice(options.recordings[0])[0])
+        file = file_of(options.recordings[0])
         path = Path(f"{file.stem}-plot.png")
     if path.suffix.lower() not in (*style.EXTENSIONS, *PAGES):
         known = ", ".join((*style.EXTENSIONS, ".html"))

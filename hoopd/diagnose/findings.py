@@ -14,7 +14,7 @@ from hoopd.diagnose.camera_faults import CameraFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.finding_standings import Standing, Standings
-from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
+from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse, with_and_without
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.probabilities import Option, likely
 from hoopd.diagnose.proof.unknown_proof import Proven
@@ -133,8 +133,7 @@ def _effect(
     effect, loss = tried.effect, named.losses[name]
     gain, ablation = None, None
     if percents:
-        with_it = percents.get(f"with {name}", percents["named"])
-        gain, ablation = _taken_out(loss, with_it, percents[f"without {name}"])
+        gain, ablation = _taken_out(loss, *with_and_without(percents, name))
         ablation = replace(ablation, heldout_nats=heldout_nats(heldout, name))
     needed = needed_of(tried.score, threshold, [track.stretch for track in named.base.tracks])
     return EffectFinding(
@@ -166,8 +165,8 @@ def is_in_vocabulary(name: str, found: HypothesisFit) -> bool:
 
 def heldout_nats(heldout: Mapping[str, Played], name: str) -> float:
     """Nats that the held-out data gain by a name beside the others."""
-    with_it = heldout.get(f"with {name}", heldout["named"])
-    return heldout[f"without {name}"].fit.criterion - with_it.fit.criterion
+    with_it, without = with_and_without(heldout, name)
+    return without.fit.criterion - with_it.fit.criterion
 
 
 def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, float]) -> tuple[float, Ablation]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +67,11 @@ def split_slice(text: str) -> tuple[str, Span | None]:
     if match is None or split_path(text)[0].exists():
         return text, None
     return match.group(1), _span(match.group(1), match.group(2))
+
+
+def file_of(text: str) -> Path:
+    """The file of a recording's text, without its experiment and its seconds."""
+    return split_path(split_slice(text)[0])[0]
 
 
 def finite(option: str, key: str, text: str) -> float:

@@ -35,6 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "tools" / "bench")]
 
 from concealed.proportions import clopper_pearson  # noqa: E402
+from harness.kept_rows import KeptRows  # noqa: E402
 from maneuver import attempted, judged, show  # noqa: E402
 from sealedrigs.rigs import SealedRig  # noqa: E402
 
@@ -105,14 +106,13 @@ def with_inner(model: ModelFile, radius_m: float) -> ModelFile:
 
 def show_rigs(seeds: range, arms: list[str], radius_m: float, kept: Path | None) -> None:
     """Rigs one after another, and their rates."""
-    rows = json.loads(kept.read_text()) if kept is not None and kept.exists() else []
-    for seed in sorted({*seeds} - {row["seed"] for row in rows}):
-        rows.append(up_rig(seed, arms, radius_m))
-        what = {arm: one["why"] or "held" for arm, one in rows[-1]["arms"].items()}
-        print(f"rig {seed} {rows[-1]['seconds']} s: {what}", file=sys.stderr, flush=True)
-        if kept is not None:
-            kept.write_text(json.dumps(rows, indent=1))
-    show(rows, arms, "way up")
+    held = KeptRows(kept, {"arms": arms, "radius_m": radius_m})
+    for seed in sorted({*seeds} - {row["seed"] for row in held.rows}):
+        row = up_rig(seed, arms, radius_m)
+        held.add(row)
+        what = {arm: one["why"] or "held" for arm, one in row["arms"].items()}
+        print(f"rig {seed} {row['seconds']} s: {what}", file=sys.stderr, flush=True)
+    show(held.rows, arms, "way up")
 
 
 def main() -> int:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hoopd.diagnose.proof.denial import STRONG, Denial, denial
-from hoopd.diagnose.proof.fit_tables import Played, nrmse
+from hoopd.diagnose.proof.fit_tables import Played, nrmse, with_and_without
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.separation import own_columns
 from hoopd.diagnose.proof.training_windows import fitted_with, is_wave, reason_of, simulated_worse
@@ -164,7 +164,7 @@ def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int 
 
 def _simulates_better(name: str, fits: Mapping[str, Played], seed: int) -> bool:
     """Whether held-out windows are surely worse without it, whatever a filter makes of them."""
-    return f"without {name}" in fits and bool(lowered(fits["named"], fits[f"without {name}"], seed))
+    return f"without {name}" in fits and bool(lowered(*with_and_without(fits, name), seed))
 
 
 def _fitted_without(kept: HypothesisFit, left_out: Sequence[str]) -> HypothesisFit:
@@ -274,7 +274,7 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
     name = one.effect.name
     if not fits:
         return "untested"
-    without, with_it = fits[f"without {name}"], fits.get(f"with {name}", fits["named"])
+    with_it, without = with_and_without(fits, name)
     if reach(one.effect, without.fit, with_it.fit) < LEAST_REACH:
         return "untested"
     # what held-out data are not more likely with, they do not bear out

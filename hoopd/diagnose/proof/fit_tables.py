@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from hoopd.plants.likelihood.stretches import Stretch
 from hoopd.plants.scales import motion_scale
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 # What starts are weighted by: this share of a channel's spread, and of a rate's for an angle that turns on and on.
 SPREAD_SHARE, RATE_S = 0.02, 0.3
@@ -54,6 +56,12 @@ def played(fits: Mapping[str, HypothesisFit]) -> dict[str, Played]:
     once = {id(one): one for one in fits.values()}
     found = {key: Played(one, run_windows(one)) for key, one in once.items()}
     return {name: found[id(one)] for name, one in fits.items()}
+
+
+def with_and_without(fits: Mapping[str, T], name: str) -> tuple[T, T]:
+    """Of what is told by name of all that is kept (`named`) and without each of it: with a name, and without it; one
+    that is not kept stands beside what is (`with NAME`)."""
+    return fits.get(f"with {name}", fits["named"]), fits[f"without {name}"]
 
 
 def window_of(plants: Sequence[Plant]) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.search.chance import EULER, Null, colour, independent
+from hoopd.diagnose.search.kept_columns import free_of
 from hoopd.diagnose.search.mechanism_columns import ColumnPlace, FollowedTrack, MechanismChoice, place_of
 from hoopd.diagnose.search.processes import computed
 from hoopd.diagnose.search.screen import MOST_DEVIATIONS, orthonormal
@@ -192,7 +193,7 @@ class MechanismScreen:
                 yield mine, columns, own.rows(place, [some[i] for i in fitting])
 
     def _projected(self, x: Array) -> Array:
-        return np.asarray(x - self._basis @ (self._basis.T @ x))
+        return free_of(self._basis, x.copy())
 
     # ------------------------------------------------------------------------------------------ proposals
 
