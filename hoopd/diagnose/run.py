@@ -67,7 +67,7 @@ from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sen
 from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
-from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.diagnose.search.naming import Named, leave_out_worthless, name_effects
 from hoopd.diagnose.search.processes import side_by_side
 from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.plants.effects.base import Effect
@@ -267,6 +267,7 @@ def _with_mechanisms(case: Case, named: Named, data: CountedData, wanted: Sequen
     if wanted:
         name_mechanisms(named, judge, wanted)
     tell_simply(named, judge, wanted)
+    leave_out_worthless(named, judge)
     return {**case.library, **{one.effect.name: one.effect for one in named.accepted}}
 
 

@@ -80,6 +80,11 @@ def _no_more(noise: Noise, usual: Noise) -> Noise:
 
 def deflated(scores: Sequence[Score], about: HypothesisFit) -> list[Score]:
     """Gains in units of what the fit itself leaves: its rows are no longer of unit variance."""
-    rows = about.stacked()[:, 0]
-    excess = max(float(rows @ rows) / max(int(np.count_nonzero(rows)), 1), 1.0)
+    excess = left_variance(about)
     return [replace(one, gain=one.gain / excess) for one in scores]
+
+
+def left_variance(about: HypothesisFit) -> float:
+    """Of a fit's whitened rows, 1 and more: how much of them its own noise does not explain."""
+    rows = about.stacked()[:, 0]
+    return max(float(rows @ rows) / max(int(np.count_nonzero(rows)), 1), 1.0)

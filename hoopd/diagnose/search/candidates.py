@@ -32,6 +32,7 @@ UNSEEN_LOSS, UNSEEN_SHARE = 3.0, 0.1
 MILDER = 1.08
 # A fit that is begun anew with other noise levels and gains less than this had its own right.
 LEVELS_NATS = 0.5
+MOST_ANEW = 4
 # A share within which a constant stands on an end of its range.
 ON_END = 1e-3
 
@@ -91,6 +92,8 @@ class Judge:
             later = fit(self.train, (*before.effects, effect), {**start, **milder}, like=origin, noise=before.noise)
             new = min(new, later, key=lambda one: one.criterion)
         new = self._not_run_off(new, start, effect)
+        if origin is not before:
+            new = self._settled(new)
         new = in_wider_ranges(new, self.train, [effect.name])
         effect, gain = new.effects[-1], before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
@@ -127,6 +130,15 @@ class Judge:
         begun = fit(self.train, new.effects, start, like=new, noise=new.noise, free=free)
         again = fit(self.train, new.effects, begun.values, like=begun, noise=begun.noise, free=new.free)
         return again if again.criterion < new.criterion else new
+
+    def _settled(self, found: HypothesisFit) -> HypothesisFit:
+        """A fit that began with noise levels of another one, begun anew from its end until that gains nothing."""
+        for _ in range(MOST_ANEW):
+            again = fit(self.train, found.effects, found.values, like=found, noise=found.noise, free=found.free)
+            if again.criterion > found.criterion - LEVELS_NATS:
+                break
+            found = again
+        return found
 
     def fold_loss(self, before: HypothesisFit, after: HypothesisFit, gain: float) -> float | None:
         """Nats that folds of the training data lose where that refuses an effect: more than chance, or another effect

@@ -14,12 +14,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import exp
 
+from hoopd.diagnose.search.bounded_disturbance import far_beyond, left_variance, stiffened
 from hoopd.diagnose.search.candidates import Judge, Tried, surprise_of
 from hoopd.diagnose.search.fits_side_by_side import tried_all
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMechanism
 from hoopd.diagnose.search.naming import (
     NEAR_SHARE,
     OCCAM_NATS,
+    OTHER_STARTS,
     MechanismTrial,
     Named,
     Refusal,
@@ -84,9 +86,9 @@ def _instead_of_all(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
     # of two things that act, a law that stands for the larger one explains little of the other
     alone = max((one.gain for one in found.tried), default=0.0)
     screen = MechanismScreen(found.base, mechanisms, level=False)
-    for score in _scores(screen, found.base)[:MOST_SWAPS]:
+    for score in [*_held_scores(found.base, mechanisms, judge), *_scores(screen, found.base)[:MOST_SWAPS]]:
         if _worth(score) < WORTH_SHARE * needed:
-            return
+            continue
         judge.settings.progress(f"fitting {score.member.effect.name}")
         other = judge.tried(found.base, score)
         more = found.final.criterion - other.fit.criterion
@@ -112,7 +114,9 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
     own, own_worth = _in_its_own_place(without, one, mechanisms, loss, judge)
     scores = [score for score in _scores(screen, without) if score.member.effect.name in wanted]
     near = [score for score in scores if _is_near(score, own, wanted[score.member.effect.name])]
-    tried = _tried_beside(judge, screen, near[:MOST_SWAPS], [] if earlier is None else earlier.tried)
+    known = [] if earlier is None else earlier.tried
+    held = _held_scores(without, [*wanted.values()], judge) if earlier is None and far_beyond(found.base) else []
+    tried = _tried_beside(judge, screen, near[:MOST_SWAPS], held, known)
     others = [other for other in tried if _is_itself(screen, other)]
     found.rivals.setdefault(one.effect.name, []).extend((other.effect.name, loss - other.gain) for other in others)
     for other in sorted(tried, key=lambda other: -_fitted_worth(screen, other)):
@@ -128,24 +132,28 @@ def _in_its_place(found: Named, judge: Judge, one: Tried, mechanisms: Sequence[M
 
 
 def _tried_beside(
-    judge: Judge, screen: MechanismScreen, scores: Sequence[Score], known: Sequence[Tried]
+    judge: Judge, screen: MechanismScreen, scores: Sequence[Score], held: Sequence[Score], known: Sequence[Tried]
 ) -> list[Tried]:
     """Fits of what was proposed, in its order; what is `known` was fitted there before."""
     found = {one.effect.name: one for one in known}
-    new = [score for score in scores if score.member.effect.name not in found]
-    found |= {one.effect.name: one for one in _best_fits(judge, screen, new)}
-    return [found[score.member.effect.name] for score in scores]
+    new, more = ([score for score in some if score.member.effect.name not in found] for some in (scores, held))
+    found |= {one.effect.name: one for one in _best_fits(judge, screen, new, more)}
+    return [found[name] for name in dict.fromkeys(score.member.effect.name for score in (*scores, *held))]
 
 
-def _best_fits(judge: Judge, screen: MechanismScreen, scores: Sequence[Score]) -> list[Tried]:
+def _best_fits(
+    judge: Judge, screen: MechanismScreen, scores: Sequence[Score], held: Sequence[Score] = ()
+) -> list[Tried]:
     """Every proposal fitted beside what was screened, from all of its starts; of each the best."""
     about, proposed = screen.fit, {one.effect.name: one for one in screen.proposals}
-    starts = [
-        [score, *(_score(one, about) for one in screen.other_starts(proposed[score.member.effect.name]))]
-        for score in scores
-    ]
-    fitted = iter(tried_all(judge, about, [one for some in starts for one in some]))
-    return [max((next(fitted) for _ in some), key=lambda one: one.gain) for some in starts]
+    starts: dict[str, list[Score]] = {}
+    for score in scores:
+        others = screen.other_starts(proposed[score.member.effect.name])
+        starts[score.member.effect.name] = [score, *(_score(one, about) for one in others)]
+    for score in held:
+        starts.setdefault(score.member.effect.name, []).append(score)
+    fitted = iter(tried_all(judge, about, [one for some in starts.values() for one in some]))
+    return [max((next(fitted) for _ in some), key=lambda one: one.gain) for some in starts.values()]
 
 
 def _in_its_own_place(
@@ -199,11 +207,12 @@ def _next(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> Tried 
     screen = found.grammar = MechanismScreen(found.final, mechanisms)
     level = max(judge.settings.threshold, screen.null.threshold(CHANCE))
     proposals = [one for one in _scores(screen, found.final) if _worth(one) >= level / 2.0]
-    if not proposals:
+    held = [one for one in _held_scores(found.final, mechanisms, judge) if _worth(one) >= level / 2.0]
+    if not (proposals or held):
         return None
-    best = _worth(proposals[0])
+    best = max((_worth(one) for one in proposals), default=0.0)
     near = [one for one in proposals if _worth(one) >= NEAR_SHARE * best]
-    tried = _best_fits(judge, screen, near[:MOST_REFITS])
+    tried = _best_fits(judge, screen, near[:MOST_REFITS], held)
     found.trials.append(MechanismTrial(screen, tried))
     tried.sort(key=lambda one: -_fitted_worth(screen, one))
     for one in tried:
@@ -227,8 +236,22 @@ def _scores(screen: MechanismScreen, about: HypothesisFit) -> list[Score]:
     return sorted(found, key=lambda one: -_worth(one))
 
 
-def _score(one: ProposedMechanism, about: HypothesisFit) -> Score:
-    member = Member(one.effect, dict(one.constants), ())
-    places = exp(min(-log_chance(one.gain, one.columns) - one.worth, 600.0))
-    score = Score(member, one.gain, one.start, one.vector)
-    return replace(scanned(score, one.columns, places), origin=about)
+def _held_scores(about: HypothesisFit, mechanisms: Sequence[Mechanism], judge: Judge) -> list[Score]:
+    """The best proposals along a fit with usual disturbances, where those of `about` are far beyond them: such ones
+    follow the readings whatever is missing, and no column is like it. What colours the residual there is what is
+    looked for."""
+    if not far_beyond(about):
+        return []
+    judge.settings.progress("screening mechanisms with usual disturbances")
+    held = stiffened(about)
+    left = left_variance(held)
+    found = [_score(one, held, left) for one in MechanismScreen(held, mechanisms, level=False).proposals]
+    return sorted(found, key=lambda one: -_worth(one))[:OTHER_STARTS]
+
+
+def _score(one: ProposedMechanism, about: HypothesisFit, left: float | None = None) -> Score:
+    """`left`: variance of the rows about which it was screened, where they are not whitened by a likeliest noise."""
+    member, gain = Member(one.effect, dict(one.constants), ()), one.gain / (left or 1.0)
+    worth = one.worth if left is None else surprise(gain, one.columns, one.looked_at) - one.cost
+    places = exp(min(-log_chance(gain, one.columns) - worth, 600.0))
+    return replace(scanned(Score(member, gain, one.start, one.vector), one.columns, places), origin=about)

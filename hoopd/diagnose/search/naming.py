@@ -243,6 +243,18 @@ def widen_ranges(found: Named, judge: Judge) -> None:
     found.accepted = [replace(one, effect=own[one.effect.name]) for one in found.accepted]
 
 
+def leave_out_worthless(found: Named, judge: Judge) -> None:
+    """Each accepted effect without which the others explain as much goes, the one first that is worth least."""
+    while found.losses:
+        worth = [(surprise_of(one.score, found.losses[one.effect.name], judge.train), one) for one in found.accepted]
+        least, one = min(worth, key=lambda each: each[0])
+        if least >= judge.settings.threshold:
+            return
+        found.final = found.without[one.effect.name]
+        found.accepted.remove(one)
+        taken_out(found, judge)
+
+
 def taken_out(found: Named, judge: Judge) -> None:
     """What each accepted effect is worth beside the others."""
     found.losses.clear()

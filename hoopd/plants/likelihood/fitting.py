@@ -102,7 +102,10 @@ def fit(
     if like is not None:
         found.curvatures = dict(like.curvatures)
         for new, old in zip(tracks, like.tracks, strict=True):
-            new.lead_added(start, old)
+            new.lead_added(start, old.composite.plant.states)
+    else:
+        for track in tracks:
+            track.lead_added(start, track.stretch.plant.states)
     _linearise(found)
     if not _is_finite(found.rows):
         # where it starts there is no such plant: the least likely of all hypotheses

@@ -94,11 +94,11 @@ class Track:
         self.w[:, : min(self.w.shape[1], other.w.shape[1])] = other.w[:, : self.w.shape[1]]
         return self
 
-    def lead_added(self, values: Mapping[str, float], other: Track) -> None:
-        """Leads the states that another track of the stretch does not have along the reference: at rest, what they
-        remember would have no derivative by its constants."""
-        mine, its = self.composite.plant.states, other.composite.plant.states
-        given = next((i for i, name in enumerate(mine) if name not in its), len(mine))
+    def lead_added(self, values: Mapping[str, float], known: Sequence[str]) -> None:
+        """Leads the states that are not among those `known` along the reference: at rest, what they remember would have
+        no derivative by its constants."""
+        mine = self.composite.plant.states
+        given = next((i for i, name in enumerate(mine) if name not in known), len(mine))
         if given < len(mine):
             self._lead(values, range(given, len(mine)))
 

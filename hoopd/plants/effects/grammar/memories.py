@@ -34,7 +34,7 @@ from hoopd.plants.effects.grammar.memory_law import PARTS, Array, Constants, Mem
 LAG_SAMPLES = (3.0, 8.0, 20.0, 60.0, 200.0, 600.0)
 HEAT_SAMPLES = (50.0, 150.0, 500.0, 1500.0)
 TWIST_SAMPLES = (0.25, 0.75, 2.0, 6.0)
-WAY_S = (0.01, 0.03, 0.1, 0.3, 1.0)
+WAY_S = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
 # Sizes below which something is late, in usual ones.
 SIZES = (0.1, 0.3, 1.0, 3.0)
