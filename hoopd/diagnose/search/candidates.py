@@ -93,7 +93,7 @@ class Judge:
             new = min(new, later, key=lambda one: one.criterion)
         new = self._not_run_off(new, start, effect)
         if origin is not before:
-            new = self._settled(new)
+            new = self.settled(new)
         new = in_wider_ranges(new, self.train, [effect.name])
         effect, gain = new.effects[-1], before.criterion - new.criterion
         return Tried(effect, new, gain, surprise_of(score, gain, self.train), score)
@@ -131,7 +131,7 @@ class Judge:
         again = fit(self.train, new.effects, begun.values, like=begun, noise=begun.noise, free=new.free)
         return again if again.criterion < new.criterion else new
 
-    def _settled(self, found: HypothesisFit) -> HypothesisFit:
+    def settled(self, found: HypothesisFit) -> HypothesisFit:
         """A fit that began with noise levels of another one, begun anew from its end until that gains nothing."""
         for _ in range(MOST_ANEW):
             again = fit(self.train, found.effects, found.values, like=found, noise=found.noise, free=found.free)

@@ -54,6 +54,8 @@ CHANCE = 0.01
 def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> None:
     """Mechanisms that the recordings ask for beside what was found, put into it."""
     before = found.final
+    if far_beyond(found.base):
+        _settle(found, judge)
     if len(found.accepted) > 1:
         _instead_of_all(found, judge, mechanisms)
     for _ in range(MOST_MECHANISMS):
@@ -73,6 +75,15 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
             found.accepted[found.accepted.index(one)] = rival
             found.final = rival.fit
             taken_out(found, judge)
+
+
+def _settle(found: Named, judge: Judge) -> None:
+    """What was found, and what is left without each of it, fitted on until that gains nothing: beside disturbances
+    that were far too large, levels had a long way to go."""
+    final = judge.settled(found.final)
+    if final is not found.final:
+        found.final = final
+        taken_out(found, judge)
 
 
 def _instead_of_all(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> None:

@@ -47,7 +47,7 @@ def _simpler(found: Named, judge: Judge, one: Tried, mechanisms: Mapping[str, Me
     # a mechanism for which more speaks, told how much was looked at, is none of its limits
     own = 0.0 if mine is None else surprise_of(one.score, found.losses[one.effect.name], judge.train)
     least = max(judge.settings.threshold, own)
-    for other in _contained(found, judge, one) if mine is None else _limits(found, judge, mine, mechanisms):
+    for other in _contained(found, judge, one) if mine is None else _limits(found, judge, one, mine, mechanisms):
         lost = other.fit.criterion - found.final.criterion
         allowed = _allowed(found.losses[one.effect.name], one.effect, other.effect, mine)
         if lost >= allowed or other.surprise < least:
@@ -89,7 +89,9 @@ def _from_the_larger(found: Named, judge: Judge, larger: Tried, simple: Tried) -
     return replace(simple, fit=again, gain=gain, surprise=surprise_of(simple.score, gain, judge.train))
 
 
-def _limits(found: Named, judge: Judge, mine: Mechanism, mechanisms: Mapping[str, Mechanism]) -> Iterator[Tried]:
+def _limits(
+    found: Named, judge: Judge, one: Tried, mine: Mechanism, mechanisms: Mapping[str, Mechanism]
+) -> Iterator[Tried]:
     """What a mechanism's constants can lead to, as far as it explains as much to first order."""
     without = found.without[mine.name]
     own = max((one.gain for one in MechanismScreen(without, [mine], level=False).proposals), default=0.0)
@@ -98,13 +100,13 @@ def _limits(found: Named, judge: Judge, mine: Mechanism, mechanisms: Mapping[str
     every = _scores(found, judge, mine.name, known)
     behind = dict(found.rivals.get(mine.name, []))
     near = []
-    for one in every:
-        allowed = _allowed(own, mine.effect, one.member.effect, mine)
+    for score in every:
+        allowed = _allowed(own, mine.effect, score.member.effect, mine)
         # what was fitted in its place already, and lost more, is not fitted again
-        if one.gain > own - allowed and behind.get(one.member.effect.name, 0.0) < allowed:
-            near.append(one)
+        if score.gain > own - allowed and behind.get(score.member.effect.name, 0.0) < allowed:
+            near.append(score)
     for score in near[:MOST_TRIED]:
-        yield _tried(found, judge, mine.name, score)
+        yield _from_the_larger(found, judge, one, _tried(found, judge, mine.name, score))
 
 
 def _is_limit(simple: Mechanism, mine: Mechanism) -> bool:
