@@ -97,11 +97,9 @@ def _instead_of_all(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
     # of two things that act, a law that stands for the larger one explains little of the other
     alone = max((one.gain for one in found.tried), default=0.0)
     screen = MechanismScreen(found.base, mechanisms, level=False)
-    for score in [*_held_scores(found.base, mechanisms, judge), *_scores(screen, found.base)[:MOST_SWAPS]]:
-        if _worth(score) < WORTH_SHARE * needed:
-            continue
-        judge.settings.progress(f"fitting {score.member.effect.name}")
-        other = judge.tried(found.base, score)
+    worthy = [one for one in _scores(screen, found.base)[:MOST_SWAPS] if _worth(one) >= WORTH_SHARE * needed]
+    held = [one for one in _held_scores(found.base, mechanisms, judge) if _worth(one) >= WORTH_SHARE * needed]
+    for other in sorted(_best_fits(judge, screen, worthy, held), key=lambda one: -one.surprise):
         more = found.final.criterion - other.fit.criterion
         if (
             other.surprise < needed
