@@ -304,6 +304,11 @@ class Plant:
         return self.inputs[0].coordinate if self.inputs else None
 
     @property
+    def moved(self) -> str:
+        """The coordinate that the first input moves: on which it acts, or the only one; empty where nobody knows."""
+        return self.driven or (self.coordinates[0] if len(self.coordinates) == 1 else "")
+
+    @property
     def limit(self) -> float:
         """Limit of the first input; infinite where none is known."""
         return inf if not self.inputs or self.inputs[0].limit is None else self.inputs[0].limit

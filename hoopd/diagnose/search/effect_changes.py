@@ -43,6 +43,7 @@ class Inside(NamedTuple):
     u: Array  # (inputs, n-1, m) demanded
     t: Array  # (n-1, m) s
     push: Array  # (n-1, nz, coordinates, m): one-step map by a force on a coordinate at each point
+    pull: Array  # (n-1, nz, m): and by the first input there
 
 
 class Changes:
@@ -104,19 +105,21 @@ class Changes:
             states.append(after[:, :, 0])
             by.append(derivatives)
         nq, points, onward = track.w.shape[1], len(GAUSS), np.broadcast_to(np.eye(c.nz), (n, c.nz, c.nz))
-        push = np.empty((n, c.nz, nq, parts, points))
+        push = np.empty((n, c.nz, nq + 1, parts, points))
+        acting = [*(c.nz + i for i in track.disturbed), c.nz + c.nw]
         for j in range(parts - 1, -1, -1):
             for k, early in enumerate(0.5 - GAUSS):
-                held = by[j][:, :, [c.nz + i for i in track.disturbed]]
+                held = by[j][:, :, acting]
                 # early in its part a force moves a position more than late: dq = dq' (d - s)
                 held[:, : 2 * c.nq : 2] += early * d[:, None, None] * held[:, 1 : 2 * c.nq : 2]
                 push[:, :, :, j, k] = onward @ held / points
             onward = onward @ by[j][:, :, : c.nz]
         x = np.stack([_between(a[:, : c.nx], b[:, : c.nx], d, c.nq) for a, b in pairwise(states)], axis=1)
         times = starts.T[:, :, None] + GAUSS * d[:, None, None]
+        every = push.reshape(n, c.nz, nq + 1, parts * points)
         return Inside(
             x.reshape(n, -1, c.nx), np.repeat(inputs.transpose(2, 1, 0), points, axis=2), times.reshape(n, -1),
-            push.reshape(n, c.nz, nq, parts * points),
+            every[:, :, :nq], every[:, :, nq],
         )  # fmt: skip
 
     def _pushes(self, effect: Effect, columns: Sequence[Values]) -> Array:

@@ -89,7 +89,7 @@ class FollowedTrack:
         inside = changes_of(track, fit).inside(PARTS)
         self._points = _point_of(track, fit, inside)
         # (points,) how far each is into its step
-        self._share, self._push = (np.arange(PARTS)[:, None] + GAUSS).ravel() / PARTS, inside.push
+        self._share, self._inside = (np.arange(PARTS)[:, None] + GAUSS).ravel() / PARTS, inside
         self._by: dict[ColumnPlace, Array] = {}
         self._read: dict[tuple[Any, bool], Array] = {}
         self._remembered: dict[tuple[Any, ...], Array] = {}
@@ -181,12 +181,14 @@ class FollowedTrack:
         return out
 
     def _pushed(self, place: ColumnPlace) -> Array:
-        """(blocks, B, nz, points) one-step map by the place's force at each point."""
-        disturbed = self.track.stretch.plant.disturbed
-        found = np.zeros((len(self._blocks.begin) * BLOCK, self._push.shape[1], self._push.shape[3]))
+        """(blocks, B, nz, points) one-step map by the place's force, or by the first input, at each point."""
+        plant, push, pull = self.track.stretch.plant, self._inside.push, self._inside.pull
+        found = np.zeros((len(self._blocks.begin) * BLOCK, *pull.shape[1:]))
         for name, weight in place.on:
-            if name in disturbed:
-                found[: len(self._push)] += weight * self._push[:, :, disturbed.index(name)]
+            if name in plant.disturbed:
+                found[: len(push)] += weight * push[:, :, plant.disturbed.index(name)]
+            elif plant.inputs and name == plant.inputs[0].name:
+                found[: len(pull)] += weight * pull
         return found.reshape(-1, BLOCK, *found.shape[1:])
 
 

@@ -95,7 +95,7 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
     elif slot.kind == "rolling_ball":
         yield from _of_rolling(plant, name, slot.coordinate)
     elif slot.kind == "actuator" and plant.inputs:
-        yield from _of_actuator(plant, name, slot.coordinate)
+        yield from _of_actuator(plant, name)
     elif slot.kind == "sensor":
         yield from _of_sensor(plant, name, slot)
 
@@ -207,30 +207,33 @@ def _coefficients(axis: Axis) -> list[ShapeLaw]:
     return [one for one in shapes_of(axis) if one.name in names]
 
 
-def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
-    first = demand(plant)
-    site = ActingPlace(name, TORQUE, {q: 1.0}, first.unit, f"{input_with_article(plant)} of the drive")
-    if not q:
-        return
+def _of_actuator(plant: Plant, name: str) -> Iterator[Mechanism]:
+    """Of an input that is a force on a coordinate, or that goes where the equations have it."""
+    first, q = demand(plant), plant.moved
+    words = f"{input_with_article(plant)} of the drive"
+    site = ActingPlace(name, TORQUE, {plant.driven or plant.inputs[0].name: 1.0}, first.unit, words)
     for shape in shapes_of(first):
         if shape.name not in ("linear", "threshold", "saturation"):
             yield Mechanism(site, first, shape)
     for memory in MEMORIES:
         if first.kind in memory.kinds and memory.name in ("lag", "resonance", "hesitation"):
             yield Mechanism(site, first, memory=memory)
-    factors = [rate(plant, q), position(plant, q), power(plant, q), CLOCK]
-    for axis in factors:
+    factors = [rate(plant, q), position(plant, q), power(plant, q)] if q else []
+    stores = [] if plant.driven else [state(plant, one) for one in plant.first_order]
+    for axis in (*factors, *stores, CLOCK):
         for shape in shapes_of(axis):
             # a ripple is in the library
             if not (axis.kind == POSITION and shape.name == "wave"):
                 yield Mechanism(site, axis, shape, factor=first)
-    drives = driving(plant, q)
-    for memory in _memories("wear", "reversal"):
-        axis = position(plant, q) if POSITION in memory.kinds else drives
-        yield Mechanism(site, axis, memory=memory, factor=first)
+    if q:
+        drives = driving(plant, q)
+        for memory in _memories("wear", "reversal"):
+            axis = position(plant, q) if POSITION in memory.kinds else drives
+            yield Mechanism(site, axis, memory=memory, factor=first)
     for axis in losses(plant, q):
         yield from (Mechanism(site, axis, memory=memory, factor=first) for memory in _memories("heat"))
-    yield from (Mechanism(site, drawn(plant, q), memory=memory, factor=first) for memory in _memories("lag"))
+    if q:
+        yield from (Mechanism(site, drawn(plant, q), memory=memory, factor=first) for memory in _memories("lag"))
 
 
 def _of_store(plant: Plant, name: str, own: str) -> Iterator[Mechanism]:

@@ -91,7 +91,8 @@ def _of_slot(plant: Plant, slot: str, one: Slot) -> Iterator[str]:
 
 def _laws(plant: Plant, one: Slot) -> Iterator[tuple[str, str]]:
     kinds = {"body": BODY, "rolling_ball": {**BODY, **ROLLING}, "actuator": ACTUATOR}
-    yield from ((law, one.coordinate) for law in kinds.get(one.kind, {}))
+    moved = plant.moved if one.kind == "actuator" else one.coordinate
+    yield from ((law, moved) for law in kinds.get(one.kind, {}))
     if one.kind == "sensor":
         for read in (plant.state_of(channel) for channel in one.channels):
             q = read.removeprefix("d")

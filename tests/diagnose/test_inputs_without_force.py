@@ -1,0 +1,92 @@
+"""Laws of a drive whose input is no force on a coordinate: a current, a voltage, a flow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen
+from hoopd.diagnose.search.mechanism_search import name_mechanisms
+from hoopd.diagnose.search.naming import name_effects
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+from hoopd.plants.plant_file import parse_plant
+from hoopd.plants.registry import plant_named
+
+MOTOR = parse_plant(
+    """
+schema: hoopd.plant/1
+name: motor
+coordinates: {th: {unit: rad, usual: 20, usual_rate: 30}}
+inputs: {i: {unit: A, limit: 2}}
+parameters:
+  J: {value: 2.0e-4, unit: kg m2, bounds: [1.0e-6, 1.0e-2]}
+  b: {value: 1.0e-3, unit: N m s, bounds: [0, .inf]}
+  kt: {value: 0.05, unit: N m/A, held: true}
+equations:
+  th: J*th'' = kt*i - b*th'
+channels: {th: {reads: th, sensor: encoder}, w: {reads: th', sensor: tacho}}
+sample_time_s: 0.01
+""",
+    "motor.yaml",
+)
+J, B, KT = 1.94e-4, 1.05e-3, 0.05
+FADES, WARMS_S = 0.3, 6.0  # 1/A^2, s
+HEAT = "actuator.heat_of_i_squared_on_i"
+PARTS = 10
+
+
+def recorded(name: str, seed: int, seconds: float = 20.0) -> Stretch:
+    """Levels of a current through a winding that warms up, by the midpoint rule."""
+    random, n = np.random.default_rng(seed), round(seconds / 0.01) + 1
+    t, h = np.arange(n) * 0.01, 0.01 / PARTS
+    u = np.repeat(random.choice([-1.2, -0.4, 0.4, 1.2], n // 30 + 1), 30)[: n - 1]
+    state, shown = np.zeros(3), np.zeros((n, 2))  # th, th', heat
+
+    def rates(x: np.ndarray, current: float) -> np.ndarray:
+        moment = KT * current * (1.0 - FADES * x[2]) - B * x[1]
+        return np.array([x[1], moment / J, (current**2 - x[2]) / WARMS_S])
+
+    for k in range(n - 1):
+        for _ in range(PARTS):
+            half = state + h / 2.0 * rates(state, u[k])
+            state = state + h * rates(half, u[k])
+        shown[k + 1] = state[:2]
+    shown += random.normal(size=shown.shape) * (1e-3, 0.1)
+    rows = np.arange(n)
+    return stretch_of(name, MOTOR, t, u, {"th": (rows, shown[:, 0]), "w": (rows, shown[:, 1])})
+
+
+def test_a_winding_that_warms_up_is_found_in_the_drive() -> None:
+    train, known = [recorded("day1", 1), recorded("day2", 2)], library(MOTOR)
+    nominal = fit(train, (), MOTOR.values, move=False)
+    base = fit(train, (), MOTOR.values, like=nominal, noise=nominal.noise)
+    found = name_effects(train, known, nominal, base, Settings())
+    name_mechanisms(found, Judge(train, known, Settings()), [*mechanisms(MOTOR).values()])
+    assert found.final.names == (HEAT,)
+    assert -found.final.values[f"{HEAT}.A"] == pytest.approx(FADES, rel=0.1)
+    assert found.final.values[f"{HEAT}.T"] == pytest.approx(WARMS_S, rel=0.1)
+    assert found.final.values["J"] == pytest.approx(J, rel=0.01)
+
+
+def test_what_the_input_moves_is_weighed_as_the_whole_model_has_it() -> None:
+    """A screen's column goes through the model's own derivative by the input; a fit of the amplitude alone is exact."""
+    train = [recorded("day1", 1)]
+    base = fit(train, (), MOTOR.values)
+    law = mechanisms(MOTOR)["actuator.square_of_t_on_i"]
+    proposed = MechanismScreen(base, [law], level=False).proposals[0]
+    with_it = fit(train, (law.effect,), {**base.values, **proposed.start}, like=base, noise=base.noise, tune_noise=False)
+    assert base.criterion - with_it.criterion == pytest.approx(proposed.gain, rel=0.1)
+
+
+def test_of_two_things_that_move_nobody_knows_which_the_input_does() -> None:
+    tanks = plant_named("tanks")
+    assert MOTOR.moved == "th"
+    assert tanks.moved == ""
+    u = tanks.inputs[0].name.lower()
+    names = {name for name in mechanisms(tanks) if name.startswith("actuator.")}
+    assert {f"actuator.lag_of_{u}", f"actuator.heat_of_{u}_squared_on_{u}"} <= names
+    assert not any("reversal" in name or "drawn" in name for name in names)
