@@ -415,6 +415,7 @@ def test_a_mechanism_has_to_be_beyond_what_the_best_of_all_reaches_by_chance(
     one = SimpleNamespace(surprise=15.0, gain=20.0, fit=None, effect=SimpleNamespace(name="a.b"))
     monkeypatch.setattr(mechanism_search, "MechanismScreen", lambda *_: screen)
     monkeypatch.setattr(mechanism_search, "_scores", lambda *_: [object()])
+    monkeypatch.setattr(mechanism_search, "_held_scores", lambda *_: [])
     monkeypatch.setattr(mechanism_search, "_worth", lambda score: 30.0)
     monkeypatch.setattr(mechanism_search, "_fitted_worth", lambda *_: 10.0)
     monkeypatch.setattr(mechanism_search, "_best_fits", lambda *_: [one])

@@ -10,10 +10,11 @@ from diagnose.test_mechanisms import SLIDE, Law, bristles, recorded
 from hoopd.diagnose import run
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.search import naming
-from hoopd.diagnose.search.candidates import Judge, Settings, Tried
+from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
 from hoopd.diagnose.search.excluded_intervals import CountedData
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
+from hoopd.diagnose.search.screen import Score
 from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
@@ -93,7 +94,11 @@ def test_a_mechanism_for_which_more_speaks_is_not_told_as_its_limit(monkeypatch:
     train, offered = days(spring), [GRAMMAR[name] for name in ("slide.threshold_of_x", "slide.linear_of_x")]
     judge, found = Judge(train, {}, Settings()), started(train, [])
     name_mechanisms(found, judge, offered[:1])
-    monkeypatch.setattr("hoopd.diagnose.search.simpler_names.surprise_of", lambda *told: 1e6)
+
+    def much_for_the_larger(score: Score, gain: float, stretches: Sequence[Stretch]) -> float:
+        return 1e6 if score.member.effect.name == "slide.threshold_of_x" else surprise_of(score, gain, stretches)
+
+    monkeypatch.setattr("hoopd.diagnose.search.simpler_names.surprise_of", much_for_the_larger)
     tell_simply(found, judge, offered)
     assert found.final.names == ("slide.threshold_of_x",)
 

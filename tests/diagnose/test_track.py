@@ -106,7 +106,7 @@ def test_a_reference_is_taken_over_state_by_state() -> None:
     assert np.array_equal(taken.z, z[:, [0, 1, 2, 3, 6, 7]])
     # a body that nobody has seen yet begins to move along
     alone = Track(stretch, [swing])
-    alone.lead_added({swing.key("A"): 0.0, swing.key("w"): 20.0, swing.key("zeta"): 0.1}, Track(stretch))
+    alone.lead_added({swing.key("A"): 0.0, swing.key("w"): 20.0, swing.key("zeta"): 0.1}, PLANT.states)
     assert alone.z[0, 5] == pytest.approx(alone.z[0, 1])
     assert np.ptp(alone.z[:, 4]) > 0.0
 
