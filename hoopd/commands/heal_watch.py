@@ -12,7 +12,7 @@ import queue
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ import typer
 
 from hoopd.commands.options.heal import HealOptions
 from hoopd.commands.version_words import user_name
+from hoopd.files.folder_lock import alone_in
 from hoopd.files.heal_versions import VersionFolder
 from hoopd.files.memory import load_memory
 from hoopd.files.reading import InputError
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from hoopd.shell.config import Config
 
 LOOK_S, AGAIN_S, LAST_S = 0.2, 1.0, 5.0
+FAULT = "FAULT"
+HEALED = ".healed-"  # in the controllers' folder, before a device's name: somebody follows it
 NICE = 5  # of this process; what it starts gets what nobody else wants
 
 
@@ -60,7 +63,7 @@ def watch(options: HealOptions) -> None:
     extras = {key: value for key, value in config.telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
     os.nice(NICE)
     connection = Connection(options.connect or config.telemetry.endpoint, extras)
-    with folder.watching():
+    with folder.watching(), _alone_with(config, options):
         connection.start()
         try:
             with suppress(KeyboardInterrupt):
@@ -70,6 +73,15 @@ def watch(options: HealOptions) -> None:
                     time.sleep(AGAIN_S)
         finally:
             connection.close()
+
+
+def _alone_with(config: Config, options: HealOptions) -> AbstractContextManager[None]:
+    """InputError where another heal, with another folder of versions, follows the same daemon: each would take the
+    other's controllers for a person's."""
+    from hoopd.daemon.loading import controller_folder
+
+    controllers, name = controller_folder(config, options.config), config.device.name
+    return alone_in(controllers, f"{HEALED}{name}", f"another hoopd heal follows {name}", "--controllers")
 
 
 def _check_names(policy: HealPolicy, path: Path, config: Config, config_path: Path | None) -> None:
@@ -156,7 +168,7 @@ class _FollowedDaemon:
         self._controllers = Controllers(controller_folder(config, options.config))
         self._wanted: queue.Queue[HealWork | None] = queue.Queue()
         self._results: queue.SimpleQueue[tuple[HealWork, dict[str, Any]]] = queue.SimpleQueue()
-        self._interrupted = False
+        self._interrupted, self._mode = False, ""
 
     def follow(self, plan: HealPlan, policy: Any) -> None:
         """Until the daemon is gone, somebody else changes its controller, or Ctrl-C."""
@@ -229,6 +241,7 @@ class _FollowedDaemon:
             return "interrupted"
         faults = self._device.status.get("faults")
         healing.see(tuple(faults) if isinstance(faults, list) else ())
+        self._tell_mode()
         while not self._results.empty():
             healing.done(*self._results.get())
         if healing.phase == "proposed" and healing.version is not None:
@@ -238,6 +251,16 @@ class _FollowedDaemon:
         if (work := healing.take_work()) is not None:
             self._wanted.put(work)
         return ""
+
+    def _tell_mode(self) -> None:
+        """A line where the daemon falls into FAULT, and where it is out of it."""
+        mode, was = self._device.mode, self._mode
+        if mode == FAULT and was != FAULT:
+            words = self._device.mode_words
+            typer.echo(f"{self._device.identity} is in {words}: nothing is learned until it controls again")
+        elif was == FAULT and mode != FAULT:
+            typer.echo(f"{self._device.identity} is {mode}")
+        self._mode = mode
 
     def _send(self, order: Any) -> Mapping[str, Any]:
         from hoopd.commands.operator import ask

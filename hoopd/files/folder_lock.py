@@ -18,13 +18,17 @@ from hoopd.files.reading import InputError
 
 
 @contextmanager
-def alone_in(folder: Path, name: str, taken: str) -> Iterator[None]:
+def alone_in(folder: Path, name: str, taken: str, option: str = "--out") -> Iterator[None]:
     """Be the only one; InputError with these words where somebody else is. `name`: of the lock's file."""
-    with (folder / name).open("w") as file:
+    try:
+        file = (folder / name).open("w")
+    except OSError as error:
+        raise InputError(folder, option, f"cannot be written: {error.strerror}") from None
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(folder, "--out", taken) from None
+            raise InputError(folder, option, taken) from None
         yield
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -10,7 +11,8 @@ import pytest
 from inprocess import call
 
 from hoopd import lab
-from hoopd.commands import operator
+from hoopd.commands import heal_watch, operator
+from hoopd.files.folder_lock import alone_in
 from hoopd.files.heal_versions import VersionFolder
 
 
@@ -115,6 +117,30 @@ def test_a_policy_that_cannot_be_meant_is_one_line(policy: str, line: str, tmp_p
 def test_what_cannot_be_begun_is_one_line(words: list[str], line: str, tmp_path: Path) -> None:
     code, _, errors = call(["heal", *words, "--out", str(tmp_path / "healed")])
     assert code == 2 and line in errors and errors.count("\n") == 1
+
+
+def test_two_that_follow_one_daemon_are_one_too_many(tmp_path: Path) -> None:
+    """Whatever folders of versions they have: each would take the other's controllers for a person's."""
+    controllers = tmp_path / "controllers"
+    controllers.mkdir()
+    words = ["heal", "--recordings", str(tmp_path), "--controllers", str(controllers)]
+    with alone_in(controllers, f"{heal_watch.HEALED}hoop", "taken"):
+        code, _, errors = call([*words, "--out", str(tmp_path / "second")])
+    assert code == 2
+    assert errors == f"hoopd: {controllers}: --controllers: another hoopd heal follows hoop\n"
+
+
+def test_a_daemon_in_fault_is_told_once_with_its_rows(capsys: pytest.CaptureFixture[str]) -> None:
+    followed: Any = SimpleNamespace(_mode="", _device=SimpleNamespace(identity="hoop@here"))
+    for mode, words in (
+        ("RUNNING", "RUNNING"), ("FAULT", "FAULT (encoder.frozen)"), ("FAULT", "FAULT"), ("READY", "READY")
+    ):  # fmt: skip
+        followed._device.mode, followed._device.mode_words = mode, words
+        heal_watch._FollowedDaemon._tell_mode(followed)
+    assert capsys.readouterr().out.splitlines() == [
+        "hoop@here is in FAULT (encoder.frozen): nothing is learned until it controls again",
+        "hoop@here is READY",
+    ]
 
 
 def test_python_has_the_versions_and_decides_by_the_same_rules(tmp_path: Path) -> None:
