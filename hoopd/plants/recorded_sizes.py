@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.usual_sizes import units
+from hoopd.plants.scales import MOST_RAD
 from hoopd.recording.recording import Recording, Signal
 
 Array = NDArray[np.float64]
 
 # Of the readings, the rarest are no usual size: a hundredth at either end.
 RARE = 0.01
-# An angle that goes on and on is usual at a radian.
-MOST_RAD = 1.0
 # Moves of less than this share of the way are noise where a mean rate is counted; the peak of a sine over that mean.
 NO_MOVE, PEAK_OVER_MEAN = 0.2, np.pi / 2.0
 # Speeds of slots that nobody declared: of a slot, and of a coordinate in m of a plant file.
