@@ -39,6 +39,8 @@ WEAK_NATS = 3.0
 # A name less likely than this is hardly the law in its place.
 LEAST_LIKELY = 0.01
 HARDLY = "other laws are far likelier in its place: it is less than 1 % likely"
+# Beside the squared length of a column, what is its own where another one is the same.
+LEAST_OWN = 1e-9
 UNSIZED = "nobody knows how much there is of it: the 95 % intervals of all its sizes hold none"
 # Of an effect that changes the held-out data by less, they say nothing, nats.
 LEAST_REACH = UNSEEN_LOSS
@@ -138,10 +140,19 @@ def of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> st
 
 
 def is_unsized(effect: Effect, found: HypothesisFit) -> bool:
-    """Whether no size of an effect is told from none (95 %)."""
+    """Whether no size of an effect is told from none (95 %), were the base known: where recordings tell only the ratios
+    of an inertia, a friction and a motor's constant, a force is known as well as they are."""
     sizes = [(effect.key(p.name), p.neutral) for p in effect.parameters if p.role == "amplitude"]
     known = [(key, neutral) for key, neutral in sizes if key in found.free]
-    return bool(known) and all(abs(found.values[key] - neutral) < Z95 * found.deviation(key) for key, neutral in known)
+    if not known:
+        return False
+    base = {name for track in found.tracks for name in track.stretch.plant.free}
+    own = [i for i, name in enumerate(found.free) if name not in base]
+    columns = found.stacked()[:, 1:][:, own]
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    inverse = np.linalg.inv((columns / size).T @ (columns / size) + LEAST_OWN * np.eye(len(own)))
+    deviations = dict(zip([found.free[i] for i in own], np.sqrt(np.diag(inverse)) / size, strict=True))
+    return all(abs(found.values[key] - neutral) < Z95 * deviations[key] for key, neutral in known)
 
 
 def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int = 0) -> Confirmation:

@@ -1,0 +1,87 @@
+"""Whether anybody knows how much there is of an effect."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hoopd.diagnose.proof.confirmation import is_unsized
+from hoopd.ident.normal import Z95
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+from hoopd.plants.plant_file import parse_plant
+
+# Of inertia, friction and the motor's constant the recordings tell the ratios alone.
+MOTOR = parse_plant(
+    """
+schema: hoopd.plant/1
+name: motor
+coordinates: {th: {unit: rad, usual: 1, usual_rate: 30}}
+inputs: {i: {unit: A, limit: 4}}
+parameters:
+  J: {value: 2.0e-4, unit: kg m2, bounds: [1.0e-6, 1.0e-2]}
+  b: {value: 1.0e-3, unit: N m s, bounds: [0, .inf]}
+  kt: {value: 0.05, unit: N m/A, bounds: [1.0e-3, 1]}
+equations:
+  th: J*th'' = kt*i - b*th'
+channels: {th: {reads: th, sensor: encoder}}
+sample_time_s: 0.01
+""",
+    "motor.yaml",
+)
+FRICTION, PARTS = 0.02, 40  # N m
+
+
+def recorded(seed: int, friction: float) -> Stretch:
+    """Levels of a current, by the midpoint rule; dry friction stops what it would turn round."""
+    random, n = np.random.default_rng(seed), 1201
+    t, h = np.arange(n) * 0.01, 0.01 / PARTS
+    u = np.repeat(random.uniform(-2.0, 2.0, n // 30 + 1), 30)[: n - 1]
+    th = w = 0.0
+    shown = np.zeros(n)
+    for k in range(n - 1):
+        for _ in range(PARTS):
+            pushed = 0.05 * u[k]
+            way = float(np.sign(w)) or float(np.sign(pushed))
+            if w == 0.0 and abs(pushed) <= friction:
+                continue
+            middle = w + h / 2.0 * (pushed - 1e-3 * w - way * friction) / 2e-4
+            after = w + h * (pushed - 1e-3 * middle - way * friction) / 2e-4
+            th, w = th + h * middle, 0.0 if after * way < 0.0 and friction > 0.0 else after
+        shown[k + 1] = th
+    return stretch_of(f"day{seed}", MOTOR, t, u, {"th": (np.arange(n), shown + 1e-3 * random.normal(size=n))})
+
+
+def with_friction(friction: float) -> HypothesisFit:
+    effect = library(MOTOR)["body.coulomb_friction"]
+    train = [recorded(1, friction)]
+    base = fit(train, (), MOTOR.values)
+    start = {**base.values, "body.coulomb_friction.Fc": friction}
+    return fit(train, (effect,), start, like=base, noise=base.noise)
+
+
+def test_a_friction_is_known_as_well_as_the_constants_that_it_stands_beside() -> None:
+    """Its interval holds zero, as those of all constants do: no recording tells how heavy the rotor is."""
+    found = with_friction(FRICTION)
+    name = "body.coulomb_friction.Fc"
+    assert found.values[name] / found.values["J"] == pytest.approx(FRICTION / 2e-4, rel=0.05)
+    assert Z95 * found.deviation(name) > found.values[name]
+    assert not is_unsized(found.effects[0], found)
+
+
+def test_of_no_friction_nobody_knows_how_much_there_is() -> None:
+    found = with_friction(0.0)
+    assert is_unsized(found.effects[0], found)
+
+
+def test_of_two_that_are_the_same_nobody_knows_how_much_there_is_of_each() -> None:
+    found = with_friction(FRICTION)
+    law = mechanisms(MOTOR)["body.linear_of_t_on_dth"].effect
+    twin = replace(law, name="body.twin")
+    start = {**found.values, law.key("A"): 1e-7, twin.key("A"): 1e-7}
+    both = fit([track.stretch for track in found.tracks], (law, twin), start, like=found, noise=found.noise)
+    assert is_unsized(law, both) and is_unsized(twin, both)
