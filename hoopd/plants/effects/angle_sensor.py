@@ -44,7 +44,7 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
         channel = plant.channels[slot.channels[0]]
         found.append(_offset(name, slot.channels, channel.unit, plant.scales.get(channel.state, 1.0)))
         if channel.state:
-            found.append(_scale(name, slot.channels[0], channel.state))
+            found += [_scale(name, slot.channels[0], channel.state), _lag(plant, name, slot.channels[0])]
     return tuple(found)
 
 
@@ -120,6 +120,24 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
         sign="T >= 0",
         best_experiment="fast two-level input",
         write_back="the estimator takes the angle, or carries the filter as a state",
+    )
+
+
+def _lag(plant: Plant, name: str, channel: str) -> Effect:
+    by = time_scale(plant)
+    return Effect(
+        f"{name}.lag",
+        (EffectParameter("T", "s", 0.0, 0.0, 2.0 * by, "shape", scaled(geometric(0.005, 1.0, 10), by)),),
+        # T m' = x - m
+        sensor_lag={channel: "T"},
+        depends_on=("t",),
+        near=(f"{name}.latency",),
+        formula=f"T m' = {channel} - m",
+        statement="it follows what it measures with a time constant T",
+        signature="the reading is behind, and its fast changes are smaller",
+        sign="T >= 0",
+        best_experiment="steps of the input",
+        write_back="the estimator carries the sensor as a state",
     )
 
 
