@@ -148,6 +148,12 @@ def losses(plant: Plant, q: str) -> Iterator[Axis]:
                    f"the square of {speed.words}", coordinates=(q,))  # fmt: skip
 
 
+def squared(of: Axis) -> Axis:
+    """What a flow, or a current, makes warm by itself."""
+    return Axis(f"{of.name}_squared", f"{of.name}^2", product_text((of.unit, 2)), LOSS, lambda s: of.of(s) ** 2,
+                f"the square of {of.words}")  # fmt: skip
+
+
 CLOCK = Axis("t", "t", "s", TIME, lambda s: s.t, "the time since the recording began")
 
 

@@ -28,6 +28,7 @@ from hoopd.plants.effects.grammar.axes import (
     power,
     rate,
     relative,
+    squared,
     state,
 )
 from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
@@ -44,6 +45,8 @@ NAMED = 40.0
 TAKING = ("square", "magnitude", "well")
 # Shapes that a level of dry friction may have.
 LEVELS = (*TAKING, "above", "below", "settling", "fading")
+# Shapes that a loss of a store may have over the time.
+LOSSES = ("linear", "above", "settling", "fading")
 # The device of a sensor that looks at nothing.
 ENCODER = "encoder"
 
@@ -90,6 +93,7 @@ def code_nats(count: int) -> float:
 def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
     if slot.kind == "body" and slot.coordinate:
         yield from _of_body(plant, _forced(plant, name, slot.coordinate), slot.coordinate)
+        yield from _coupled(plant, name, slot.coordinate)
     elif slot.kind == "store":
         yield from _of_store(plant, name, slot.coordinate)
     elif slot.kind == "rolling_ball":
@@ -172,6 +176,25 @@ def _of_rolling(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         yield from _between(plant, pair, q, other)
 
 
+def _coupled(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
+    """Forces between this body and those after it, of a plant whose bodies are joined and do not roll in each other."""
+    if any(slot.kind == "rolling_ball" for slot in plant.slots.values()):
+        return
+    for other in plant.coordinates[plant.coordinates.index(q) + 1 :]:
+        if units(plant, q).coordinate == units(plant, other).coordinate:
+            words = f"a force between {q} and {other}"
+            pair = ActingPlace(name, FORCE, {q: 1.0, other: -1.0}, plant.disturbance_unit(q), words)
+            place, speed = (_paired(axis) for axis in relative(plant, q, other))
+            # what twists a shaft does not come back after a turn
+            place = replace(place, words=f"the difference of {q} and {other}", turning=False)
+            speed = replace(speed, words=f"the difference of the speeds of {q} and {other}")
+            yield from (Mechanism(pair, place, shape) for shape in shapes_of(place))
+            for shape in shapes_of(speed):
+                yield Mechanism(pair, speed, shape, dissipates=shape.odd)
+            for memory in _memories("dahl", "play"):
+                yield Mechanism(pair, place, memory=memory, dissipates=memory.dissipates)
+
+
 def _between(plant: Plant, site: ActingPlace, q: str, other: str) -> Iterator[Mechanism]:
     place, speed = relative(plant, q, other)
     mine, its = _paired(place), _paired(speed)
@@ -246,6 +269,15 @@ def _of_store(plant: Plant, name: str, own: str) -> Iterator[Mechanism]:
             # its own loss is in the library
             if not (axis.name == own and shape.name == "linear"):
                 yield Mechanism(site, axis, shape)
+    yield from _of_loss(plant, site, state(plant, own))
+
+
+def _of_loss(plant: Plant, site: ActingPlace, own: Axis) -> Iterator[Mechanism]:
+    """A loss whose coefficient changes: with the time, and with the heat that it makes itself (a winding, a fluid)."""
+    for shape in shapes_of(CLOCK):
+        if shape.name in LOSSES:
+            yield Mechanism(site, CLOCK, shape, factor=own)
+    yield from (Mechanism(site, squared(own), memory=memory, factor=own) for memory in _memories("heat"))
 
 
 def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:

@@ -30,6 +30,8 @@ BODY: Mapping[str, str] = {
     "well_of_{q}_on_sign_d{q}": "a place that rubs",
     "well_of_{q}_on_forward_d{q}": "a pawl",
     "well_of_{q}_on_backward_d{q}": "a pawl",
+    "cubic_of_{q}_less_{o}_pair": "a coupling that hardens (Duffing 1918)",
+    "threshold_of_{q}_less_{o}_pair": "a coupling with play (Nordin, Gutman 2002)",
 }
 ROLLING: Mapping[str, str] = {
     "dahl_of_{q}_less_{o}_pair": "a contact that is a spring at first (Dahl 1968)",
