@@ -160,7 +160,7 @@ def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int 
     model where they are not surely simulated better with it."""
     unlikely = frozenset(
         name for name, share in likely.items()
-        if share is not None and share < LEAST_LIKELY and said.statuses.get(name) in ("confirmed", "weak")
+        if share is not None and share < LEAST_LIKELY and said.statuses.get(name) in ("confirmed", "weak", "untested")
     )  # fmt: skip
     left_out = [
         name for name in unlikely if name in said.written.names and not _simulates_better(name, said.fits, seed)
