@@ -44,9 +44,7 @@ PAIR = "x1_body.cubic_of_x1_less_x2_pair"
 def rates(x: Array, force: float) -> Array:
     stretched = x[0] - x[2]
     between = 300.0 * stretched + HARDENS * stretched**3
-    return np.array(
-        [x[1], (force - between - 3.1 * x[1] - 95.0 * x[0]) / 1.28, x[3], (between - 3.1 * x[3]) / 0.86]
-    )
+    return np.array([x[1], (force - between - 3.1 * x[1] - 95.0 * x[0]) / 1.28, x[3], (between - 3.1 * x[3]) / 0.86])
 
 
 def recorded(seed: int) -> Stretch:

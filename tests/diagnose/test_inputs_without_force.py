@@ -78,7 +78,9 @@ def test_what_the_input_moves_is_weighed_as_the_whole_model_has_it() -> None:
     base = fit(train, (), MOTOR.values)
     law = mechanisms(MOTOR)["actuator.square_of_t_on_i"]
     proposed = MechanismScreen(base, [law], level=False).proposals[0]
-    with_it = fit(train, (law.effect,), {**base.values, **proposed.start}, like=base, noise=base.noise, tune_noise=False)
+    with_it = fit(
+        train, (law.effect,), {**base.values, **proposed.start}, like=base, noise=base.noise, tune_noise=False
+    )
     assert base.criterion - with_it.criterion == pytest.approx(proposed.gain, rel=0.1)
 
 

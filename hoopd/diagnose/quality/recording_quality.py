@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.quality.channel_course import lagged
+from hoopd.diagnose.quality.jumps import Jump, jumps_of, without_jumps
 from hoopd.diagnose.quality.late_frames import slow_stretches
 from hoopd.diagnose.quality.noise_floor import quantum
 from hoopd.diagnose.quality.outliers import bursts, inside, stretches
@@ -56,6 +57,7 @@ class Quality:
     plant: Plant  # with what moves in the recording
     sensors: Mapping[str, Sensor]  # of the channels
     speeds: Mapping[str, Speed] = field(default_factory=dict)  # measured rates that stand beside what they are rates of
+    jumps: Mapping[str, list[Jump]] = field(default_factory=dict)  # of counted places, by channel
     notes: list[str] = field(default_factory=list)  # doubts in words
 
     def wrong_rate(self, channel: str) -> bool:
@@ -87,6 +89,8 @@ def assess(recording: Recording, plant: Plant) -> Quality:
     whole = turned(recording, turning_cameras(sensors_of(plant, plant)))
     moving = plant if judges.moving is None else judges.moving(whole)
     sensors = sensors_of(plant, moving)
+    jumps = {name: jumps_of(whole.t, whole.column(name)) for name, one in sensors.items() if _is_counted(one)}
+    whole = without_jumps(whole, jumps)
     silent = _silent(whole, plant, moving, sensors) if judges.stops else []
     body, force = _body(plant), plant.input_word
     segments = [(*_span(whole, a, b), f"the {body} does not answer the {force}") for a, b in silent]
@@ -103,6 +107,7 @@ def assess(recording: Recording, plant: Plant) -> Quality:
         moving,
         sensors,
         {rate: speed(clean, place, rate, channels[place].sigma) for rate, place in rates_of(sensors).items()},
+        jumps,
         [
             *(judges.doubts or doubts)(recording),
             *_told(clock(recording)),
@@ -110,6 +115,7 @@ def assess(recording: Recording, plant: Plant) -> Quality:
             *_in_other_units(recording, plant),
             *(note for name, one in sensors.items() if one.is_camera for note in _slow_camera(whole, channels[name])),
             *(note for name, one in sensors.items() if _is_counted(one) for note in _uneven(channels[name])),
+            *(_jumped(whole, name, found, plant.channels[name].unit) for name, found in jumps.items() if found),
         ],
     )
 
@@ -161,8 +167,9 @@ def _judged(
 
 
 def cleaned(recording: Recording, quality: Quality) -> Recording:
-    """The recording with every sample that does not count as NaN, angles unwrapped."""
-    return cleaned_channels(turned(recording, turning_cameras(quality.sensors)), quality.channels)
+    """The recording with every sample that does not count as NaN, angles unwrapped and jumps of a counter taken out."""
+    whole = without_jumps(turned(recording, turning_cameras(quality.sensors)), quality.jumps)
+    return cleaned_channels(whole, quality.channels)
 
 
 def cleaned_channels(recording: Recording, channels: Mapping[str, JudgedSamples]) -> Recording:
@@ -275,6 +282,14 @@ def _uneven(place: JudgedSamples) -> list[str]:
     if place.jitter_s < JITTER_S:
         return []
     return [f"{place.name} scatters with its speed, as if taken {1e3 * place.jitter_s:.2g} ms too early or too late"]
+
+
+def _jumped(recording: Recording, name: str, jumps: list[Jump], unit: str) -> str:
+    """Counts that were lost, or a coupling that slipped."""
+    listed = ", ".join(f"by {one.size:.3g} {unit} at {recording.t[one.row]:.6g} s" for one in jumps)
+    return (
+        f"{name} jumps {listed}, and goes on from there: lost counts, or a coupling that slips; taken out of the rest"
+    )
 
 
 def _slow_camera(recording: Recording, camera: JudgedSamples) -> list[str]:
