@@ -243,7 +243,8 @@ Ignored = tuple[float, float, str]
 
 
 class RecordingQuality(_Part, frozen=True):
-    """Bad samples of one recording, counted over its channels, out of `samples`; late frames out of `frames`."""
+    """Bad samples of one recording, counted over its channels, out of `samples`; late frames out of `frames`; `jumps`:
+    how often a counter went on from another place, by channel."""
 
     missing: int | None
     late_frames: int | None
@@ -252,6 +253,7 @@ class RecordingQuality(_Part, frozen=True):
     samples: int | None = None
     frames: int | None = None
     notes: list[str] = []
+    jumps: dict[str, int] = {}
 
 
 class DataQuality(_Part, frozen=True):

@@ -34,7 +34,7 @@ from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, less_s
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.finding_standings import Asked, standings
-from hoopd.diagnose.proof.fit_tables import Played, channel_source, window_of
+from hoopd.diagnose.proof.fit_tables import Played, channel_source
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs
 from hoopd.diagnose.proof.held_out import HeldOut
@@ -73,6 +73,7 @@ from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.growth import growth_sentence, window_of
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 from hoopd.plants.likelihood.stretches import Stretch
@@ -219,6 +220,7 @@ def _diagnosed(case: Case) -> Outcome:
                 *data_held.notes,
                 step_sentence(step_nats(named.final)),
                 *late_sentences(named, case.library, case.settings.threshold),
+                *filter(None, [growth_sentence([one.plant for one in data.kept])]),
                 *unexplained_sentences(said.final),
                 *end_sentences(said.final),
             ],
@@ -339,6 +341,7 @@ def quality_of(sources: Sequence[Source], aside: Sequence[Interval], notes: Sequ
             samples=counts["samples"],
             frames=counts["frames"],
             notes=list(source.quality.notes),
+            jumps={name: len(found) for name, found in source.quality.jumps.items() if found},
         )
     return DataQuality(
         missing=sum(one.missing or 0 for one in each.values()),

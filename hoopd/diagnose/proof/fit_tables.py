@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.proof.simulation import WINDOW_S, Simulated, fitted_starts, windows_of
-from hoopd.plants.declaration import Plant
+from hoopd.diagnose.proof.simulation import Simulated, fitted_starts, windows_of
+from hoopd.plants.growth import window_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Stretch
@@ -62,11 +62,6 @@ def with_and_without(fits: Mapping[str, T], name: str) -> tuple[T, T]:
     """Of what is told by name of all that is kept (`named`) and without each of it: with a name, and without it; one
     that is not kept stands beside what is (`with NAME`)."""
     return fits.get(f"with {name}", fits["named"]), fits[f"without {name}"]
-
-
-def window_of(plants: Sequence[Plant]) -> float:
-    """Seconds of a window: that of the fastest of several plants."""
-    return WINDOW_S * min(motion_scale(plant) for plant in plants)
 
 
 def run_windows(found: HypothesisFit) -> list[Simulated]:

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.growth import WINDOW_S, window_scale
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
 from hoopd.plants.plant_with_effects import Composite
-from hoopd.plants.scales import motion_scale, state_scales
+from hoopd.plants.scales import state_scales
 
 Array = NDArray[np.float64]
 # Parameters of all columns, or of each.
 Columns = Mapping[str, float] | Sequence[Mapping[str, float]]
 
-WINDOW_S = 2.0
 START_STEPS = 4
 # Finite differences of starts and parameters, relative to their size.
 DIFFERENCE = 1e-5
@@ -66,8 +66,8 @@ def bounded(y: Array, size: Array) -> Array:
 
 
 def windows_of(stretch: Stretch, window_s: float | None = WINDOW_S) -> Windows:
-    """Windows of about this length, of a motion of usual times; None: one over the whole stretch."""
-    window_s = None if window_s is None else window_s * motion_scale(stretch.plant)
+    """Windows of about this length, were the plant as fast as the hoop; None: one over the whole stretch."""
+    window_s = None if window_s is None else window_s * window_scale(stretch.plant)
     span = stretch.t[-1] - stretch.t[0]
     pieces = 1 if window_s is None else max(1, round(span / window_s))
     edges = np.searchsorted(stretch.t, np.linspace(stretch.t[0], stretch.t[-1], pieces + 1) - 1e-9)

@@ -26,13 +26,13 @@ import numpy as np
 from hoopd.diagnose.proof.fit_tables import Played, nrmse
 from hoopd.diagnose.proof.fold_runs import HeldBlock, Values, blocks_of, fold_runs
 from hoopd.diagnose.proof.free_run_refinement import Pull, Refined, refine
-from hoopd.diagnose.proof.simulation import WINDOW_S
 from hoopd.diagnose.proof.two_estimates import beyond_chance
 from hoopd.diagnose.proof.worse_channels import LEAST_POINTS
 from hoopd.diagnose.search.folds import FOLDS, fold_values
+from hoopd.plants.growth import WINDOW_S
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretch_scatter import half_widths
-from hoopd.plants.scales import motion_scale, parameter_size
+from hoopd.plants.scales import parameter_size
 
 Progress = Callable[[str], None]
 
@@ -128,10 +128,9 @@ def _simulated(
     found: HypothesisFit, values: Mapping[str, float], blocks: Sequence[Sequence[HeldBlock]], pull: Pull | None
 ) -> Refined:
     parts = [*chain(*blocks)]
-    window_s = WINDOW_S * min(motion_scale(one.stretch.plant) for one in parts)
     return refine(
         [one.stretch for one in parts], [one.reference for one in parts], found.effects, values, found.free,
-        (window_s,), ROUGHLY, pull,
+        (WINDOW_S,), ROUGHLY, pull,
     )  # fmt: skip
 
 

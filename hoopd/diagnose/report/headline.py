@@ -6,6 +6,7 @@ Rules of this file: nothing is judged here, only said; what held-out data deny i
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
@@ -29,7 +30,22 @@ SHOWN = 0.1
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in one sentence: names that are sure before those that are not."""
+    """The verdict in one sentence, names that are sure before those that are not; and in another one what no model of
+    the plant explains, a counter that jumps."""
+    return _verdict(diagnosis) + _jumped(diagnosis)
+
+
+def _jumped(diagnosis: Diagnosis) -> str:
+    total: Counter[str] = Counter()
+    for one in diagnosis.data_quality.recordings.values():
+        total.update(one.jumps)
+    if not total:
+        return ""
+    each = listed(f"{name} jumped {'once' if count == 1 else f'{count} times'}" for name, count in total.items())
+    return f" A counter is at fault beside it: {each}, and went on from there; the recordings' notes say when."
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         return "The model explains these recordings: nothing is missing that they could show."
     if diagnosis.verdict == "parameters":
