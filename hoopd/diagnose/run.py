@@ -47,6 +47,7 @@ from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.probabilities import beside_faults
 from hoopd.diagnose.proof.replacement import replace_denied
+from hoopd.diagnose.proof.told_together import together_sentence
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
 from hoopd.diagnose.proof.written_parameters import Written, written_parameters
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
@@ -220,7 +221,7 @@ def _diagnosed(case: Case) -> Outcome:
                 *data_held.notes,
                 step_sentence(step_nats(named.final)),
                 *late_sentences(named, case.library, case.settings.threshold),
-                *filter(None, [growth_sentence([one.plant for one in data.kept])]),
+                *filter(None, [growth_sentence([one.plant for one in data.kept]), together_sentence(named.final)]),
                 *unexplained_sentences(said.final),
                 *end_sentences(said.final),
             ],

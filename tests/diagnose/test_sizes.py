@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hoopd.diagnose.proof.confirmation import is_unsized
+from hoopd.diagnose.proof.told_together import together_sentence, told_together
 from hoopd.ident.normal import Z95
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
@@ -16,8 +17,7 @@ from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 from hoopd.plants.plant_file import parse_plant
 
 # Of inertia, friction and the motor's constant the recordings tell the ratios alone.
-MOTOR = parse_plant(
-    """
+PLANT = """
 schema: hoopd.plant/1
 name: motor
 coordinates: {th: {unit: rad, usual: 1, usual_rate: 30}}
@@ -30,9 +30,8 @@ equations:
   th: J*th'' = kt*i - b*th'
 channels: {th: {reads: th, sensor: encoder}}
 sample_time_s: 0.01
-""",
-    "motor.yaml",
-)
+"""
+MOTOR = parse_plant(PLANT, "motor.yaml")
 FRICTION, PARTS = 0.02, 40  # N m
 
 
@@ -71,6 +70,19 @@ def test_a_friction_is_known_as_well_as_the_constants_that_it_stands_beside() ->
     assert found.values[name] / found.values["J"] == pytest.approx(FRICTION / 2e-4, rel=0.05)
     assert Z95 * found.deviation(name) > found.values[name]
     assert not is_unsized(found.effects[0], found)
+
+
+def test_what_the_recordings_tell_only_together_is_said_by_name() -> None:
+    names = ["J", "b", "kt"]
+    found = with_friction(FRICTION)
+    assert {*told_together(found)} == {*names, "body.coulomb_friction.Fc"}
+    assert "hold one of them" in together_sentence(found)
+    base = fit([track.stretch for track in found.tracks], (), MOTOR.values)
+    assert told_together(base) == names
+    one_held = parse_plant(PLANT.replace("bounds: [1.0e-3, 1]}", "held: true}"), "motor.yaml")
+    stretches = [replace(track.stretch, plant=one_held) for track in found.tracks]
+    assert told_together(fit(stretches, (), one_held.values)) == []
+    assert together_sentence(fit(stretches, (), one_held.values)) == ""
 
 
 def test_of_no_friction_nobody_knows_how_much_there_is() -> None:

@@ -1,4 +1,4 @@
-"""A plant that moves away by itself is simulated for a few times of its growth, and its model is not one that stands."""
+"""A plant that moves away by itself is simulated for a few times of its growth; its model is none that stands."""
 
 from __future__ import annotations
 
