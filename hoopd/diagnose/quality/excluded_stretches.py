@@ -26,6 +26,8 @@ ROUND_PART = 0.5
 MOST_ROUNDS = 3
 # More of a recording than this is not set aside: what happens so often is how the plant behaves.
 MOST_SHARE = 0.25
+# Nor what happens in it so often that no hand, start-up or lost sensor does: play at every reversal is over at once.
+MOST_TIMES = 4
 # Nor is anything of which so little is left, between the pieces that are too short: there is nothing to compare with.
 LEAST_LEFT = 0.5
 # Beyond what was seen of it, this much on either side goes too: its onset is below the noise.
@@ -53,6 +55,10 @@ def set_aside(
         if len(confirmed) < len(worst):
             kept, trial = _without(current, confirmed, refit)
         current, found, out = kept, trial, [*out, *confirmed]
+    often = {name for name in total if sum(one.recording == name for one in out) > MOST_TIMES}
+    if often:
+        out = [one for one in out if one.recording not in often]
+        current, found = _without(stretches, out, refit)
     return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
 
 

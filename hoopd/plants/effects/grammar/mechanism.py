@@ -40,6 +40,8 @@ MEMORY_SUBSTEPS = PARTS
 NOTHING = 1e-6
 # Its constants are looked for so far beyond those that a screen tries: further off the law is its own limit there.
 BEYOND_TRIED = 10.0
+# Shares of the least way of a memory that a reading's is tried at, too.
+FINER = (0.1, 0.3)
 # Shapes whose v0 is a place, with either sign.
 PLACED = ("above", "below", "well", "detent", "bent", "lens")
 # Each constant of a law costs evidence; a textbook's law costs what it is rarer than a library's name, one to seven.
@@ -154,6 +156,9 @@ class Mechanism:
             return [dict(one) for one in self.shape.grid(self.axis, v)]
         assert self.memory is not None
         first, second, every = self.memory.constant, self.memory.second, self.memory.grid(v, t)
+        if self.site.acts == READING and every:
+            # a sensor shows what is far too small to move anything
+            every = [*(share * min(every) for share in FINER), *every]
         if not second:
             return [{first: float(one)} for one in every]
         h = float(np.median(np.diff(t))) if len(t) > 1 else 1.0

@@ -1,0 +1,49 @@
+"""What is unusual again and again is how the plant behaves, and stays: play before an encoder, at every reversal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+from diagnose.test_sizes import PLANT
+
+from hoopd.diagnose.quality import excluded_stretches
+from hoopd.diagnose.quality.excluded_stretches import set_aside
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+from hoopd.plants.plant_file import parse_plant
+
+MOTOR = parse_plant(PLANT.replace("bounds: [1.0e-3, 1]}", "held: true}"), "motor.yaml")
+HALF, PARTS = 0.026, 20  # rad
+
+
+@cache
+def behind_play() -> Stretch:
+    """Fast turns to and fro, by the midpoint rule; the encoder follows behind its play."""
+    random, n = np.random.default_rng(5), 1501
+    t, h = np.arange(n) * 0.01, 0.01 / PARTS
+    u = np.repeat(random.choice([-2.0, -1.0, 1.0, 2.0], n // 50 + 1), 50)[: n - 1]
+    th = w = shown = 0.0
+    y = np.zeros(n)
+    for k in range(n - 1):
+        for _ in range(PARTS):
+            middle = w + h / 2.0 * (0.05 * u[k] - 1e-3 * w) / 2.1e-4
+            th, w = th + h * middle, w + h * (0.05 * u[k] - 1e-3 * middle) / 2.1e-4
+            shown = min(max(shown, th - HALF), th + HALF)
+        y[k + 1] = shown
+    return stretch_of("day1", MOTOR, t, u, {"th": (np.arange(n), y + 1e-3 * random.normal(size=n))})
+
+
+def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
+    return fit(stretches, (), MOTOR.values)
+
+
+def test_play_at_every_reversal_is_not_set_aside(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = behind_play()
+    kept, out, found = set_aside([made], refit)
+    assert out == [] and [one.t[-1] for one in kept] == [made.t[-1]]
+    assert [track.stretch for track in found.tracks] == kept
+    monkeypatch.setattr(excluded_stretches, "MOST_TIMES", 99)
+    assert len(set_aside([made], refit)[1]) > 4
