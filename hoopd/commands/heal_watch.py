@@ -11,8 +11,8 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Mapping
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,13 +57,11 @@ def watch(options: HealOptions) -> None:
         check_target(options.memory, "--memory")
         load_memory(options.memory, None)
     recordings = _recordings(options, config)
-    folder = VersionFolder(options.out)
-    folder.begin(config.device.name)
     # Of zenoh's keys a reader shares user, password and certificates with the daemon, not where it listens.
     extras = {key: value for key, value in config.telemetry.zenoh.items() if key.partition("/")[0] == "transport"}
     os.nice(NICE)
     connection = Connection(options.connect or config.telemetry.endpoint, extras)
-    with folder.watching(), _alone_with(config, options):
+    with _alone_with(config, options), _watched(options, config) as folder:
         connection.start()
         try:
             with suppress(KeyboardInterrupt):
@@ -75,12 +73,22 @@ def watch(options: HealOptions) -> None:
             connection.close()
 
 
+@contextmanager
+def _watched(options: HealOptions, config: Config) -> Iterator[VersionFolder]:
+    """The folder of versions, followed by nobody else."""
+    folder = VersionFolder(options.out)
+    folder.begin(config.device.name)
+    with folder.watching():
+        yield folder
+
+
 def _alone_with(config: Config, options: HealOptions) -> AbstractContextManager[None]:
     """InputError where another heal, with another folder of versions, follows the same daemon: each would take the
     other's controllers for a person's."""
     from hoopd.daemon.loading import controller_folder
+    from hoopd.dashboard.work.controllers import Controllers
 
-    controllers, name = controller_folder(config, options.config), config.device.name
+    controllers, name = Controllers(controller_folder(config, options.config)).folder, config.device.name
     return alone_in(controllers, f"{HEALED}{name}", f"another hoopd heal follows {name}", "--controllers")
 
 

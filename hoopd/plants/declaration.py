@@ -303,10 +303,10 @@ class Plant:
         """The coordinate on which the first input acts."""
         return self.inputs[0].coordinate if self.inputs else None
 
-    @property
-    def moved(self) -> str:
-        """The coordinate that the first input moves: on which it acts, or the only one; empty where nobody knows."""
-        return self.driven or (self.coordinates[0] if len(self.coordinates) == 1 else "")
+    def moved_by(self, drive: Slot) -> str:
+        """The coordinate that the first input moves: on which it acts, that of its slot, or the only one; empty where
+        nobody knows."""
+        return self.driven or drive.coordinate or (self.coordinates[0] if len(self.coordinates) == 1 else "")
 
     @property
     def limit(self) -> float:

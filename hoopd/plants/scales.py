@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 # The motion for which sizes and times are written, rad.
 USUAL_POSITION = 1.0
-# An angle that goes on and on is usual at a radian.
+# An angle that goes on and on is usual at a radian, whatever is said to be usual of it.
 MOST_RAD = 1.0
 # A parameter that is declared as next to nothing, in its own unit; one that is a force, as a share of the usual input.
 LEAST_SIZE = 0.3
@@ -37,7 +37,7 @@ def motion_scale(plant: Plant) -> float:
     """Times of the motion over those that the constants are written for.
 
     The usual way of the fastest coordinate over its usual rate; where nobody said a usual way, as slow as the sampling.
-    An angle that turns by many radians comes back to where it was: its way is a radian.
+    Of an angle that turns by many radians the way is a radian.
     """
     ways = {q: plant.scales[q] for q in plant.coordinates if plant.scales.get(q)}
     ways |= {q: min(way, MOST_RAD) for q, way in ways.items() if not plant.is_length(q)}

@@ -128,6 +128,7 @@ def test_two_that_follow_one_daemon_are_one_too_many(tmp_path: Path) -> None:
         code, _, errors = call([*words, "--out", str(tmp_path / "second")])
     assert code == 2
     assert errors == f"hoopd: {controllers}: --controllers: another hoopd heal follows hoop\n"
+    assert not (tmp_path / "second").exists()
 
 
 def test_a_daemon_in_fault_is_told_once_with_its_rows(capsys: pytest.CaptureFixture[str]) -> None:

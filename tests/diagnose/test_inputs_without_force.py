@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,11 +74,14 @@ def test_a_winding_that_warms_up_is_found_in_the_drive() -> None:
     assert found.final.values["J"] == pytest.approx(J, rel=0.01)
 
 
-def test_what_the_input_moves_is_weighed_as_the_whole_model_has_it() -> None:
-    """A screen's column goes through the model's own derivative by the input; a fit of the amplitude alone is exact."""
-    train = [recorded("day1", 1)]
-    base = fit(train, (), MOTOR.values)
-    law = mechanisms(MOTOR)["actuator.square_of_t_on_i"]
+@pytest.mark.parametrize("limit_a", [2.0, 1.2])
+def test_what_the_input_moves_is_weighed_as_the_whole_model_has_it(limit_a: float) -> None:
+    """A screen's column goes through the model's own derivative by the input, behind its limit, at which the largest
+    levels are in the second case; a fit of the amplitude alone is exact."""
+    motor = replace(MOTOR, inputs=(MOTOR.inputs[0]._replace(limit=limit_a),))
+    train = [replace(recorded("day1", 1), plant=motor)]
+    base = fit(train, (), motor.values)
+    law = mechanisms(motor)["actuator.square_of_t_on_i"]
     proposed = MechanismScreen(base, [law], level=False).proposals[0]
     with_it = fit(
         train, (law.effect,), {**base.values, **proposed.start}, like=base, noise=base.noise, tune_noise=False
@@ -86,9 +91,39 @@ def test_what_the_input_moves_is_weighed_as_the_whole_model_has_it() -> None:
 
 def test_of_two_things_that_move_nobody_knows_which_the_input_does() -> None:
     tanks = plant_named("tanks")
-    assert MOTOR.moved == "th"
-    assert tanks.moved == ""
+    assert MOTOR.moved_by(MOTOR.slots["actuator"]) == "th"
+    assert tanks.moved_by(tanks.slots["actuator"]) == ""
     u = tanks.inputs[0].name.lower()
     names = {name for name in mechanisms(tanks) if name.startswith("actuator.")}
     assert {f"actuator.lag_of_{u}", f"actuator.heat_of_{u}_squared_on_{u}"} <= names
     assert not any("reversal" in name or "drawn" in name for name in names)
+
+
+TWO_ROTORS = """
+schema: hoopd.plant/1
+name: rotors
+coordinates: {a: {unit: rad, usual: 1, usual_rate: 10}, b: {unit: rad, usual: 1, usual_rate: 10}}
+inputs: {i: {unit: A, limit: 2}}
+parameters: {J: 1e-3 kg m2, k: 2 N m, kt: 0.05 N m/A}
+equations:
+  a: J*a'' = kt*i - k*(a - b)
+  b: J*b'' = k*(a - b)
+channels: {a: {reads: a, sensor: encoder}, b: {reads: b, sensor: encoder}}
+sample_time_s: 0.01
+"""
+
+
+def test_a_drive_whose_slot_says_what_it_moves_has_the_laws_of_that_motion() -> None:
+    rotors = parse_plant(TWO_ROTORS + "slots: {drive: {kind: actuator, coordinate: a}}", "rotors.yaml")
+    names = mechanisms(rotors)
+    assert {"drive.reversal_of_a_on_i", "drive.linear_of_da_on_i"} <= {*names}
+    assert names["drive.linear_of_da_on_i"].textbook is False and names["drive.lag_of_drawn_i_da_on_i"].textbook
+    assert not any(name.startswith("drive.") and "db" in name for name in names)
+
+
+def test_only_bodies_that_move_each_other_are_joined() -> None:
+    rotors = parse_plant(TWO_ROTORS, "rotors.yaml")
+    law = mechanisms(rotors)["a_body.cubic_of_a_less_b_pair"]
+    assert law.textbook and law.sentence.startswith("a torque between a and b")
+    apart = parse_plant(TWO_ROTORS.replace("k*(a - b)", "k*b").replace("- k*b", "- k*a"), "apart.yaml")
+    assert not any(name.endswith("_pair") for name in mechanisms(apart))

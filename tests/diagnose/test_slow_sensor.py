@@ -55,3 +55,17 @@ def test_a_thermometer_that_follows_slowly_is_found_with_its_time() -> None:
     assert found.final.names == ("tc.lag",)
     assert found.final.values["tc.lag.T"] == pytest.approx(LAG_S, rel=0.03)
     assert found.final.values["C"] == pytest.approx(C, rel=0.02)
+
+
+def test_a_slow_sensor_of_several_states_is_slow_in_all_of_them() -> None:
+    text = """
+schema: hoopd.plant/1
+name: plates
+states: {T1: {unit: K, usual: 60}, T2: {unit: K, usual: 40}}
+inputs: {P: {unit: W, limit: 120}}
+parameters: {C: 200 J/K, h: 0.5 W/K}
+equations: {T1: C*T1' = P - h*(T1 - T2), T2: C*T2' = h*(T1 - T2)}
+channels: {T1: {reads: T1, sensor: tc}, T2: {reads: T2, sensor: tc}}
+sample_time_s: 2
+"""
+    assert library(parse_plant(text, "plates.yaml"))["tc.lag"].sensor_lag == {"T1": "T", "T2": "T"}

@@ -39,7 +39,7 @@ WEAK_NATS = 3.0
 # A name less likely than this is hardly the law in its place.
 LEAST_LIKELY = 0.01
 HARDLY = "other laws are far likelier in its place: it is less than 1 % likely"
-# Beside the squared length of a column, what is its own where another one is the same.
+# Added to the squares of columns of unit length: of two equal ones nothing else is each one's own.
 LEAST_OWN = 1e-9
 UNSIZED = "nobody knows how much there is of it: the 95 % intervals of all its sizes hold none"
 # Of an effect that changes the held-out data by less, they say nothing, nats.
@@ -141,7 +141,8 @@ def of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> st
 
 def is_unsized(effect: Effect, found: HypothesisFit) -> bool:
     """Whether no size of an effect is told from none (95 %), were the base known: where recordings tell only the ratios
-    of an inertia, a friction and a motor's constant, a force is known as well as they are."""
+    of an inertia, a friction and a motor's constant, a force is known as well as they are. What an effect shares with
+    the base is left to its evidence, and what is believed beforehand does not count."""
     sizes = [(effect.key(p.name), p.neutral) for p in effect.parameters if p.role == "amplitude"]
     known = [(key, neutral) for key, neutral in sizes if key in found.free]
     if not known:
@@ -156,8 +157,8 @@ def is_unsized(effect: Effect, found: HypothesisFit) -> bool:
 
 
 def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int = 0) -> Confirmation:
-    """What is hardly the law in its place (`likely`, by name) is weak, whatever held-out data gain by it; and in no
-    model where they are not surely simulated better with it."""
+    """What is hardly the law in its place (`likely`, by name) is weak, whatever held-out data gain by it, and stays
+    untested where they never test it; and in no model where they are not surely simulated better with it."""
     unlikely = frozenset(
         name for name, share in likely.items()
         if share is not None and share < LEAST_LIKELY and said.statuses.get(name) in ("confirmed", "weak", "untested")
@@ -168,7 +169,7 @@ def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int 
     return replace(
         said,
         written=_fitted_without(said.written, left_out),
-        statuses={**said.statuses, **dict.fromkeys(unlikely, "weak")},
+        statuses={**said.statuses, **{name: "weak" for name in unlikely if said.statuses[name] != "untested"}},
         unlikely=unlikely,
     )
 

@@ -32,6 +32,8 @@ Values = tuple[tuple[str, float], ...]
 # A force is sampled at two points of every part of a step (Gauss): the mean of a harmonic that runs by 1.4 rad in a
 # part is then right to 0.1 %.
 GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+# As a share of a limit, what is not at it.
+INSIDE = 1e-9
 # Changes whose forces are held at once: some ten megabytes.
 AT_ONCE = 12
 
@@ -97,7 +99,7 @@ class Changes:
     def _sampled_points(self, parts: int) -> Inside:
         c, track, n = self.track.composite, self.track, len(self.z) - 1
         call, d = mapped(derivatives_of(c, ())[0], n, (5,)), track.stretch.h / parts
-        inputs, nothing = track.held.inputs(parts, c.delay_s(self._local)), np.zeros((n, c.nw))
+        inputs, nothing = _within(track.held.inputs(parts, c.delay_s(self._local)), c.plant.limit), np.zeros((n, c.nw))
         starts, p = track.stretch.t[:-1] + np.arange(parts)[:, None] * d, c.vector(self._local)
         states, by = [self.z[:-1]], []
         for j in range(parts):
@@ -172,6 +174,14 @@ class Changes:
     @cached_property
     def _readings(self) -> Array:
         return self.track.readings(self.values)
+
+
+def _within(inputs: Array, limit: float) -> Array:
+    """Inputs (..., inputs) with the first one just inside of its limit: laws of the drive act behind it, where its
+    derivative by the demand is none."""
+    found = inputs.copy()
+    found[..., 0] = np.clip(found[..., 0], -limit * (1.0 - INSIDE), limit * (1.0 - INSIDE))
+    return found
 
 
 def changes_of(track: Track, fit: HypothesisFit) -> Changes:

@@ -78,9 +78,9 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
 
 
 def _settle(found: Named, judge: Judge) -> None:
-    """What was found, and what is left without each of it, fitted on until that gains nothing: beside disturbances
-    that were far too large, levels had a long way to go."""
-    final = judge.settled(found.final)
+    """What was found, fitted on until that gains nothing: beside disturbances that were far too large, levels had a
+    long way to go."""
+    final = judge.settled(found.final) if found.accepted else found.final
     if final is not found.final:
         found.final = final
         taken_out(found, judge)
@@ -175,18 +175,19 @@ def _in_its_own_place(
         return own, surprise_of(one.score, loss, judge.train)
     screen = MechanismScreen(without, mine, level=False, among=len(mechanisms))
     own = max((each.gain for each in screen.proposals), default=loss)
-    return own, _worth_of(screen, one.effect.name, loss)
+    return own, _worth_of(screen, one.effect.name, loss, loss)
 
 
 def _fitted_worth(screen: MechanismScreen, one: Tried) -> float:
     """What a fitted mechanism is worth beside others: the residual's colour, which a screen took at constants that
     were not fitted yet, is the same to all of them."""
-    return _worth_of(screen, one.effect.name, one.gain)
+    return _worth_of(screen, one.effect.name, one.gain, one.surprise)
 
 
-def _worth_of(screen: MechanismScreen, name: str, gain: float) -> float:
+def _worth_of(screen: MechanismScreen, name: str, gain: float, otherwise: float) -> float:
+    """`otherwise`: of what this screen does not propose (it was proposed along usual disturbances)."""
     proposed = next((each for each in screen.proposals if each.effect.name == name), None)
-    return gain if proposed is None else surprise(gain, proposed.columns, proposed.looked_at) - proposed.cost
+    return otherwise if proposed is None else surprise(gain, proposed.columns, proposed.looked_at) - proposed.cost
 
 
 def _is_itself(screen: MechanismScreen, one: Tried) -> bool:

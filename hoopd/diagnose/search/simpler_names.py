@@ -90,7 +90,7 @@ def _from_the_larger(found: Named, judge: Judge, larger: Tried, simple: Tried) -
 
 
 def _limits(
-    found: Named, judge: Judge, one: Tried, mine: Mechanism, mechanisms: Mapping[str, Mechanism]
+    found: Named, judge: Judge, larger: Tried, mine: Mechanism, mechanisms: Mapping[str, Mechanism]
 ) -> Iterator[Tried]:
     """What a mechanism's constants can lead to, as far as it explains as much to first order."""
     without = found.without[mine.name]
@@ -106,7 +106,7 @@ def _limits(
         if score.gain > own - allowed and behind.get(score.member.effect.name, 0.0) < allowed:
             near.append(score)
     for score in near[:MOST_TRIED]:
-        yield _from_the_larger(found, judge, one, _tried(found, judge, mine.name, score))
+        yield _from_the_larger(found, judge, larger, _tried(found, judge, mine.name, score))
 
 
 def _is_limit(simple: Mechanism, mine: Mechanism) -> bool:

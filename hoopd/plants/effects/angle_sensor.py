@@ -44,7 +44,9 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
         channel = plant.channels[slot.channels[0]]
         found.append(_offset(name, slot.channels, channel.unit, plant.scales.get(channel.state, 1.0)))
         if channel.state:
-            found += [_scale(name, slot.channels[0], channel.state), _lag(plant, name, slot.channels[0])]
+            found.append(_scale(name, slot.channels[0], channel.state))
+        if states := tuple(c for c in slot.channels if plant.state_of(c)):
+            found.append(_lag(plant, name, states))
     return tuple(found)
 
 
@@ -123,16 +125,16 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
     )
 
 
-def _lag(plant: Plant, name: str, channel: str) -> Effect:
+def _lag(plant: Plant, name: str, channels: tuple[str, ...]) -> Effect:
     by = time_scale(plant)
     return Effect(
         f"{name}.lag",
         (EffectParameter("T", "s", 0.0, 0.0, 2.0 * by, "shape", scaled(geometric(0.005, 1.0, 10), by)),),
         # T m' = x - m
-        sensor_lag={channel: "T"},
+        sensor_lag=dict.fromkeys(channels, "T"),
         depends_on=("t",),
         near=(f"{name}.latency",),
-        formula=f"T m' = {channel} - m",
+        formula="T m' = x - m",
         statement="it follows what it measures with a time constant T",
         signature="the reading is behind, and its fast changes are smaller",
         sign="T >= 0",

@@ -17,7 +17,7 @@ from hoopd.plants.effects.grammar.memories import MEMORIES
 from hoopd.plants.effects.grammar.memory_bodies import STOPS
 from hoopd.plants.effects.grammar.memory_law import PARTS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import LENS
-from hoopd.plants.effects.grammar.textbook import ACTUATOR, BODY, PLACE, RATE, ROLLING
+from hoopd.plants.effects.grammar.textbook import ACTUATOR, BODY, COUPLED, PLACE, RATE, ROLLING
 from hoopd.plants.effects.library import library
 from hoopd.plants.effects.usual_sizes import state_unit
 from hoopd.plants.free_run import run
@@ -199,7 +199,7 @@ def test_a_tilted_axis_has_both_positions_and_their_difference() -> None:
 def test_textbooks_laws_are_names_of_the_grammar() -> None:
     """A misspelt one would be no law's: of all plants together every one is somewhere."""
     plants = [plant_named(name) for name in ("hoop", "axis", "pendulum", "falling", "drives")]
-    laws = {law for table in (BODY, ROLLING, ACTUATOR, PLACE, RATE) for law in table}
+    laws = {law for table in (BODY, COUPLED, ROLLING, ACTUATOR, PLACE, RATE) for law in table}
     every = [(plant, mechanisms(plant)) for plant in plants]
     there = {
         law

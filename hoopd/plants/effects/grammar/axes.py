@@ -140,8 +140,8 @@ def _positive(value: Any) -> Any:
 def losses(plant: Plant, q: str) -> Iterator[Axis]:
     """What warms a drive or a bearing: the square of the input, and the size of the power."""
     first, name = demand(plant), plant.inputs[0].name
-    squared = product_text((first.unit, 2))
-    yield Axis(f"{name}_squared", f"{name}^2", squared, LOSS, lambda s: s.demand**2, "the square of the demand")
+    unit = product_text((first.unit, 2))
+    yield Axis(f"{name}_squared", f"{name}^2", unit, LOSS, lambda s: s.demand**2, "the square of the demand")
     if q:
         speed = rate(plant, q)
         yield Axis(f"d{q}_squared", f"{q}'^2", product_text((speed.unit, 2)), LOSS, lambda s: getattr(s, f"d{q}") ** 2,
@@ -149,7 +149,7 @@ def losses(plant: Plant, q: str) -> Iterator[Axis]:
 
 
 def squared(of: Axis) -> Axis:
-    """What a flow, or a current, makes warm by itself."""
+    """The square of a variable: what it makes warm."""
     return Axis(f"{of.name}_squared", f"{of.name}^2", product_text((of.unit, 2)), LOSS, lambda s: of.of(s) ** 2,
                 f"the square of {of.words}")  # fmt: skip
 

@@ -12,6 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import log
 
+import casadi as ca
+
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.axes import (
@@ -99,7 +101,7 @@ def _of_slot(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
     elif slot.kind == "rolling_ball":
         yield from _of_rolling(plant, name, slot.coordinate)
     elif slot.kind == "actuator" and plant.inputs:
-        yield from _of_actuator(plant, name)
+        yield from _of_actuator(plant, name, plant.moved_by(slot))
     elif slot.kind == "sensor":
         yield from _of_sensor(plant, name, slot)
 
@@ -181,8 +183,9 @@ def _coupled(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
     if any(slot.kind == "rolling_ball" for slot in plant.slots.values()):
         return
     for other in plant.coordinates[plant.coordinates.index(q) + 1 :]:
-        if units(plant, q).coordinate == units(plant, other).coordinate:
-            words = f"a force between {q} and {other}"
+        if units(plant, q).coordinate == units(plant, other).coordinate and _is_joined(plant, q, other):
+            kind = "force" if plant.is_length(q) else "torque"
+            words = f"a {kind} between {q} and {other}"
             pair = ActingPlace(name, FORCE, {q: 1.0, other: -1.0}, plant.disturbance_unit(q), words)
             place, speed = (_paired(axis) for axis in relative(plant, q, other))
             # what twists a shaft does not come back after a turn
@@ -193,6 +196,16 @@ def _coupled(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
                 yield Mechanism(pair, speed, shape, dissipates=shape.odd)
             for memory in _memories("dahl", "play"):
                 yield Mechanism(pair, place, memory=memory, dissipates=memory.dissipates)
+
+
+def _is_joined(plant: Plant, q: str, other: str) -> bool:
+    """Whether each of two bodies is moved by where, or how fast, the other one is."""
+    x, given = ca.SX.sym("x", len(plant.states)), [0.0] * len(plant.inputs)
+    u = given if len(given) > 1 else sum(given)
+    found = plant.accelerations(plant.point(x, plant.values, u, 0.0), ca.SX.zeros(len(plant.coordinates)))
+    by_state = ca.DM.ones(ca.jacobian(ca.densify(found), x).sparsity()).full() != 0.0
+    row = {one: plant.coordinates.index(one) for one in (q, other)}
+    return all(by_state[row[one], 2 * row[its] : 2 * row[its] + 2].any() for one, its in ((q, other), (other, q)))
 
 
 def _between(plant: Plant, site: ActingPlace, q: str, other: str) -> Iterator[Mechanism]:
@@ -230,9 +243,9 @@ def _coefficients(axis: Axis) -> list[ShapeLaw]:
     return [one for one in shapes_of(axis) if one.name in names]
 
 
-def _of_actuator(plant: Plant, name: str) -> Iterator[Mechanism]:
-    """Of an input that is a force on a coordinate, or that goes where the equations have it."""
-    first, q = demand(plant), plant.moved
+def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
+    """Of an input that is a force on a coordinate, or that goes where the equations have it; `q`: what it moves."""
+    first = demand(plant)
     words = f"{input_with_article(plant)} of the drive"
     site = ActingPlace(name, TORQUE, {plant.driven or plant.inputs[0].name: 1.0}, first.unit, words)
     for shape in shapes_of(first):

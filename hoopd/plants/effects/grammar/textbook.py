@@ -30,6 +30,8 @@ BODY: Mapping[str, str] = {
     "well_of_{q}_on_sign_d{q}": "a place that rubs",
     "well_of_{q}_on_forward_d{q}": "a pawl",
     "well_of_{q}_on_backward_d{q}": "a pawl",
+}
+COUPLED: Mapping[str, str] = {
     "cubic_of_{q}_less_{o}_pair": "a coupling that hardens (Duffing 1918)",
     "threshold_of_{q}_less_{o}_pair": "a coupling with play (Nordin, Gutman 2002)",
 }
@@ -92,8 +94,8 @@ def _of_slot(plant: Plant, slot: str, one: Slot) -> Iterator[str]:
 
 
 def _laws(plant: Plant, one: Slot) -> Iterator[tuple[str, str]]:
-    kinds = {"body": BODY, "rolling_ball": {**BODY, **ROLLING}, "actuator": ACTUATOR}
-    moved = plant.moved if one.kind == "actuator" else one.coordinate
+    kinds = {"body": {**BODY, **COUPLED}, "rolling_ball": {**BODY, **ROLLING}, "actuator": ACTUATOR}
+    moved = plant.moved_by(one) if one.kind == "actuator" else one.coordinate
     yield from ((law, moved) for law in kinds.get(one.kind, {}))
     if one.kind == "sensor":
         for read in (plant.state_of(channel) for channel in one.channels):
