@@ -36,7 +36,11 @@ from hoopd.plants.plant_program import program_plant
 # Far more than a rig of a laboratory has; graphs of such a size are made in a second.
 MOST = {"coordinates": 8, "states": 20, "inputs": 8, "parameters": 100, "channels": 40, "slots": 40}
 # What a point of the plant calls its own.
-RESERVED = frozenset((*FUNCTIONS, *CONSTANTS, "t", "u", "p", "replaced"))
+RESERVED: Mapping[str, str] = {
+    **dict.fromkeys(FUNCTIONS, "a function of equations"), **dict.fromkeys(CONSTANTS, "a constant of equations"),
+    "t": "the time", "u": "the first input, whatever it is called (say it as F, V or u1)", "p": "all parameters",
+    "replaced": "a word of the program",
+}  # fmt: skip
 LENGTH, ANGLE = "m", "rad"
 # How fast bodies of laboratory rigs go where a file does not say it, in the coordinate's unit a second.
 USUAL_RATE = {LENGTH: 1.0, ANGLE: 10.0}
@@ -181,7 +185,7 @@ class _Maker:
                     reason = f"a name begins with a letter and has at most {MAX_NAME_CHARS} letters, digits and _"
                     raise InputError(self._path, key, reason)
                 if name in RESERVED:
-                    raise InputError(self._path, key, f"{name} has a meaning of its own")
+                    raise InputError(self._path, key, f"{name} is {RESERVED[name]}: it needs another name")
                 if name in owners:
                     raise InputError(self._path, key, f"{name} is taken: {owners[name]}")
                 owners[name] = section

@@ -249,7 +249,7 @@ def test_derivatives_that_are_not_finite_are_seen() -> None:
         ("offset: 0 N", "offset: 1e999 N", "parameters.offset", "finite"),
         ("offset: 0 N", "F: 0 N", "parameters.F", "is taken"),
         ("offset: 0 N", "dx: 0 N", "parameters.dx", "is taken"),
-        ("offset: 0 N", "sin: 0 N", "parameters.sin", "a meaning of its own"),
+        ("offset: 0 N", "sin: 0 N", "parameters.sin", "sin is a function of equations: it needs another name"),
         ("offset: 0 N", "__import__: 0 N", "parameters.__import__", "a name begins with a letter"),
         ("bounds: [1, 1000]", "bounds: [200, 1000]", "parameters.M.bounds", "do not hold the value 100"),
         ("bounds: [1, 1000]", "bounds: [.nan, 1000]", "parameters.M.bounds", "do not hold"),
