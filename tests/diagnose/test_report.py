@@ -424,6 +424,23 @@ def test_the_terminal_s_report_has_every_part_of_a_finding() -> None:
         "97.7 87.4", "93 %", "[-Fc sign(theta')]",
     ):  # fmt: skip
         assert part in squeezed(text), part
+    # the base stands beside it, so that a number that cannot be is seen
+    for name in coulomb()[0].base.parameters:
+        assert f" {name} " in squeezed(text), name
+
+
+def test_a_counter_that_jumped_stands_behind_the_verdict() -> None:
+    diagnosis = coulomb()[0]
+    each = {
+        TRAIN: RecordingQuality(0, 0, 0, jumps={"theta": 3}),
+        HELDOUT: RecordingQuality(0, 0, 0, jumps={"theta": 1, "x": 1}),
+    }
+    lost = msgspec.structs.replace(diagnosis, data_quality=DataQuality(0, 0, 0, [], recordings=each))
+    said = headline.verdict_sentence(lost)
+    assert said.endswith(
+        "theta jumped 4 times and x jumped once, and went on from there; the recordings' notes say when."
+    )
+    assert "counter" not in headline.verdict_sentence(diagnosis)
 
 
 def test_windows_are_as_long_as_the_plant_s_motion_asks_for() -> None:

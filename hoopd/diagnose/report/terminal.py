@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 
+from msgspec.structs import replace
 from rich.box import SIMPLE_HEAD as HEAD_LINE
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -47,8 +48,9 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
     _sentences([words.compared_sentence(diagnosis)], console)
     _table(tables.refused(diagnosis), console)
     _fits(diagnosis, console)
-    if diagnosis.verdict == "parameters":
-        _table(tables.parameters(diagnosis), console)
+    if diagnosis.verdict != "consistent":
+        # numbers of effects stand above
+        _table(tables.parameters(replace(diagnosis, effects=[])), console)
     _table(tables.alternatives(diagnosis), console)
     _sentences([words.invisible_sentence(diagnosis.power)], console)
     _next(diagnosis, console)
