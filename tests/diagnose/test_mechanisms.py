@@ -361,8 +361,9 @@ def test_levels_of_a_screen_come_from_its_own_columns() -> None:
 def test_what_it_costs_to_say_a_mechanism_is_paid_by_a_fitted_one_too() -> None:
     proposed = SimpleNamespace(effect=SimpleNamespace(name="a.b"), columns=1, looked_at=1.0, cost=5.0)
     screen: Any = SimpleNamespace(proposals=[proposed])
-    assert mechanism_search._worth_of(screen, "a.b", 50.0) == pytest.approx(surprise(50.0, 1) - 5.0)
-    assert mechanism_search._worth_of(screen, "c.d", 50.0) == 50.0
+    assert mechanism_search._worth_of(screen, "a.b", 50.0, 7.0) == pytest.approx(surprise(50.0, 1) - 5.0)
+    # what this screen does not propose was proposed along usual disturbances, and is worth what it was there
+    assert mechanism_search._worth_of(screen, "c.d", 50.0, 7.0) == 7.0
 
 
 def test_a_textbook_s_law_takes_a_place_for_less_than_any_other() -> None:
