@@ -17,6 +17,7 @@ from hoopd.daemon.checks import Verdict
 from hoopd.shell import probe
 
 ROOT = Path(__file__).resolve().parents[2]
+TRIES = 3
 STUB = """
 import math
 class Still:
@@ -50,7 +51,11 @@ def test_the_rig_s_board_proves_its_time_out_with_zero_torque(rig: Path):
     line = probe.BoardLine(str(rig), 115200, DEFAULT_LAYOUT)
     try:
         assert check.board_answers(line).verdict in (Verdict.OK, Verdict.WARN)
-        assert check.board_timeout(line).verdict is Verdict.OK
+        # a board process that gets no processor for a while answers nothing: asked again, a board that runs proves it
+        answers = [check.board_timeout(line)]
+        while len(answers) < TRIES and answers[-1].granted.startswith("no answer"):
+            answers.append(check.board_timeout(line))
+        assert answers[-1].verdict is Verdict.OK
     finally:
         line.close()
     rows = read(rig.parent / "torque.jsonl").rows
