@@ -5,6 +5,7 @@ Rules of this file: one function an effect; its equation stands above the line t
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -108,38 +109,40 @@ def _harmonic(plant: Plant, name: str, q: str, angles: tuple[str, ...], rates: t
 
 
 def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
-    by = time_scale(plant)
-    return Effect(
-        f"{name}.speed_lag",
-        (EffectParameter("T", "s", 0.0, 0.0, 0.5 * by, "shape", scaled(geometric(0.005, 0.15, 8), by)),),
-        # T m' = theta' - m
-        sensor_lag=dict.fromkeys(rates, "T"),
-        depends_on=("t",),
-        near=(f"{name}.latency",),
+    return replace(
+        _slow(plant, f"{name}.speed_lag", name, rates, 0.5, geometric(0.005, 0.15, 8)),
         formula=f"T m' = {rates[0]} - m",
         statement="the measured rate is low-passed with a time constant T",
         signature="the measured rate is behind the derivative of the measured angle",
-        sign="T >= 0",
         best_experiment="fast two-level input",
         write_back="the estimator takes the angle, or carries the filter as a state",
     )
 
 
 def _lag(plant: Plant, name: str, channels: tuple[str, ...]) -> Effect:
+    return replace(
+        _slow(plant, f"{name}.lag", name, channels, 2.0, geometric(0.005, 1.0, 10)),
+        formula="T m' = x - m",
+        statement="it follows what it measures with a time constant T",
+        signature="the reading is behind, and its fast changes are smaller",
+        best_experiment="steps of the input",
+        write_back="the estimator carries the sensor as a state",
+    )
+
+
+def _slow(
+    plant: Plant, law: str, name: str, channels: tuple[str, ...], most: float, tried: tuple[float, ...]
+) -> Effect:
+    """Channels behind a low pass; `most`, `tried`: time constants, s of a plant that is sampled as the hoop is."""
     by = time_scale(plant)
     return Effect(
-        f"{name}.lag",
-        (EffectParameter("T", "s", 0.0, 0.0, 2.0 * by, "shape", scaled(geometric(0.005, 1.0, 10), by)),),
+        law,
+        (EffectParameter("T", "s", 0.0, 0.0, most * by, "shape", scaled(tried, by)),),
         # T m' = x - m
         sensor_lag=dict.fromkeys(channels, "T"),
         depends_on=("t",),
         near=(f"{name}.latency",),
-        formula="T m' = x - m",
-        statement="it follows what it measures with a time constant T",
-        signature="the reading is behind, and its fast changes are smaller",
         sign="T >= 0",
-        best_experiment="steps of the input",
-        write_back="the estimator carries the sensor as a state",
     )
 
 
