@@ -438,9 +438,13 @@ def test_a_counter_that_jumped_stands_behind_the_verdict() -> None:
     lost = msgspec.structs.replace(diagnosis, data_quality=DataQuality(0, 0, 0, [], recordings=each))
     said = headline.verdict_sentence(lost)
     assert said.endswith(
-        "theta jumped 4 times and x jumped once, and went on from there; the recordings' notes say when."
+        " Beside that, theta jumped 4 times and x jumped once and went on from there (lost counts, or what slipped): "
+        "taken out, and the recordings' notes say when."
     )
-    assert "counter" not in headline.verdict_sentence(diagnosis)
+    assert plain_words.summary(lost).endswith(
+        "the recordings' notes say when."
+    ) and "jumped" not in plain_words.summary(diagnosis)
+    assert "jumped" not in headline.verdict_sentence(diagnosis)
 
 
 def test_windows_are_as_long_as_the_plant_s_motion_asks_for() -> None:

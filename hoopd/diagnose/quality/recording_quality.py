@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.quality.channel_course import lagged
-from hoopd.diagnose.quality.jumps import Jump, jumps_of, without_jumps
+from hoopd.diagnose.quality.jumps import Jump, are_usual, jumps_of, without_jumps
 from hoopd.diagnose.quality.late_frames import slow_stretches
 from hoopd.diagnose.quality.noise_floor import quantum
 from hoopd.diagnose.quality.outliers import bursts, inside, stretches
@@ -89,7 +89,10 @@ def assess(recording: Recording, plant: Plant) -> Quality:
     whole = turned(recording, turning_cameras(sensors_of(plant, plant)))
     moving = plant if judges.moving is None else judges.moving(whole)
     sensors = sensors_of(plant, moving)
-    jumps = {name: jumps_of(whole.t, whole.column(name)) for name, one in sensors.items() if _is_counted(one)}
+    every = {
+        name: jumps_of(whole.t, whole.column(name), one.resolution) for name, one in sensors.items() if _is_counted(one)
+    }
+    jumps = {name: [] if are_usual(found, len(whole)) else found for name, found in every.items()}
     whole = without_jumps(whole, jumps)
     silent = _silent(whole, plant, moving, sensors) if judges.stops else []
     body, force = _body(plant), plant.input_word
@@ -115,7 +118,7 @@ def assess(recording: Recording, plant: Plant) -> Quality:
             *_in_other_units(recording, plant),
             *(note for name, one in sensors.items() if one.is_camera for note in _slow_camera(whole, channels[name])),
             *(note for name, one in sensors.items() if _is_counted(one) for note in _uneven(channels[name])),
-            *(_jumped(whole, name, found, plant.channels[name].unit) for name, found in jumps.items() if found),
+            *(_jumped(whole, name, found, plant.channels[name].unit) for name, found in every.items() if found),
         ],
     )
 
@@ -167,7 +170,7 @@ def _judged(
 
 
 def cleaned(recording: Recording, quality: Quality) -> Recording:
-    """The recording with every sample that does not count as NaN, angles unwrapped and jumps of a counter taken out."""
+    """The recording with every sample that does not count as NaN, angles unwrapped and jumps of a place taken out."""
     whole = without_jumps(turned(recording, turning_cameras(quality.sensors)), quality.jumps)
     return cleaned_channels(whole, quality.channels)
 
@@ -286,10 +289,10 @@ def _uneven(place: JudgedSamples) -> list[str]:
 
 def _jumped(recording: Recording, name: str, jumps: list[Jump], unit: str) -> str:
     """Counts that were lost, or a coupling that slipped."""
+    if are_usual(jumps, len(recording)):
+        return f"{name} jumps {len(jumps)} times: so often is how it reads, and nothing was taken out"
     listed = ", ".join(f"by {one.size:.3g} {unit} at {recording.t[one.row]:.6g} s" for one in jumps)
-    return (
-        f"{name} jumps {listed}, and goes on from there: lost counts, or a coupling that slips; taken out of the rest"
-    )
+    return f"{name} jumps {listed}, and goes on from there: lost counts, or what slipped; taken out of the rest"
 
 
 def _slow_camera(recording: Recording, camera: JudgedSamples) -> list[str]:

@@ -31,18 +31,23 @@ SHOWN = 0.1
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence, names that are sure before those that are not; and in another one what no model of
-    the plant explains, a counter that jumps."""
-    return _verdict(diagnosis) + _jumped(diagnosis)
+    the plant explains, a reading that jumps."""
+    return _verdict(diagnosis) + jump_sentence(diagnosis)
 
 
-def _jumped(diagnosis: Diagnosis) -> str:
+def jump_sentence(diagnosis: Diagnosis) -> str:
+    """Which readings jumped, with a space before it; empty where none did."""
     total: Counter[str] = Counter()
     for one in diagnosis.data_quality.recordings.values():
         total.update(one.jumps)
     if not total:
         return ""
-    each = listed(f"{name} jumped {'once' if count == 1 else f'{count} times'}" for name, count in total.items())
-    return f" A counter is at fault beside it: {each}, and went on from there; the recordings' notes say when."
+    often = {1: "once", 2: "twice"}
+    each = listed(f"{name} jumped {often.get(count, f'{count} times')}" for name, count in total.items())
+    return (
+        f" Beside that, {each} and went on from there (lost counts, or what slipped): taken out, and the recordings' "
+        "notes say when."
+    )
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
