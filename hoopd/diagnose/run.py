@@ -49,6 +49,7 @@ from hoopd.diagnose.proof.probabilities import beside_faults
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.told_together import together_sentence
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
+from hoopd.diagnose.proof.window_lengths import growth_sentence, window_of
 from hoopd.diagnose.proof.written_parameters import Written, written_parameters
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.unusual_intervals import Interval
@@ -74,7 +75,6 @@ from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
-from hoopd.plants.growth import growth_sentence, window_of
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 from hoopd.plants.likelihood.stretches import Stretch

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from hoopd.plants.effects.base import Effect, Point
+from hoopd.plants.fingerprint import DESCRIBES
 
 # What a drive gives, by its unit.
 GIVEN = {
@@ -214,6 +215,8 @@ class Plant:
         Usual sizes of states and inputs; empty: from the data.
     recorded : frozenset of str
         Those of `scales` that nobody said, and that follow the recordings.
+    middles : mapping of str to float
+        Medians of states and inputs in its recordings; what is not named is about zero.
     usual_force : float
         Size of the forces on the first coordinate, for a plant without inputs.
     time_scale_s : float
@@ -264,6 +267,8 @@ class Plant:
     slots: Mapping[str, Slot] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)  # usual sizes of states and inputs; else `recorded_sizes`
     recorded: frozenset[str] = frozenset()  # those of `scales` that nobody said
+    # about which values of states and inputs its recordings are; it computes the same with others
+    middles: Mapping[str, float] = field(default_factory=dict, metadata=DESCRIBES)
     usual_force: float = 1.0  # size of the forces on the first coordinate, for a plant without inputs
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
     least_size: float | None = None  # of a parameter, in its unit; None: as it is declared

@@ -14,6 +14,9 @@ from functools import partial
 from types import FunctionType, MethodType
 from typing import Any
 
+# Of a field that says something about a thing with which it computes the same.
+DESCRIBES = {"describes": True}
+
 
 class _Same:
     """An object that equals itself alone; it is kept, so that no other one takes its place in memory."""
@@ -53,7 +56,7 @@ def _parts(thing: Any) -> tuple[Any, tuple[Any, ...]]:
         (tuple | list, lambda: (type(thing), tuple(thing))),
     )
     if is_dataclass(thing):
-        return type(thing), tuple(getattr(thing, one.name) for one in fields(thing))
+        return type(thing), tuple(getattr(thing, one.name) for one in fields(thing) if one.metadata != DESCRIBES)
     return next((parts() for kind, parts in kinds if isinstance(thing, kind)), (_Same(thing), ()))
 
 

@@ -38,7 +38,8 @@ def undeclared_sizes(plant: Plant) -> tuple[str, ...]:
 
 
 def with_recorded_sizes(plant: Plant, recordings: Sequence[Recording]) -> Plant:
-    """The plant, with usual sizes of everything that was recorded."""
+    """The plant, with usual sizes of everything that was recorded, and about which values that is."""
+    plant = replace(plant, middles=_middles(plant, recordings))
     found: dict[str, float] = {}
     for name in undeclared_sizes(plant):
         signals = [*_signals(plant, name, recordings)]
@@ -53,6 +54,16 @@ def with_recorded_sizes(plant: Plant, recordings: Sequence[Recording]) -> Plant:
     if not found:
         return plant
     return replace(plant, scales={**found, **plant.scales}, recorded=frozenset(found), slots=slots)
+
+
+def _middles(plant: Plant, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Medians of places, stores and inputs; a rate is about zero."""
+    found = {}
+    for name in (*(one.name for one in plant.inputs), *plant.coordinates, *plant.first_order):
+        values = [one.values for one in _signals(plant, name, recordings)]
+        if values:
+            found[name] = float(np.median(np.concatenate(values)))
+    return found
 
 
 def _signals(plant: Plant, name: str, recordings: Sequence[Recording]) -> Iterator[Signal]:

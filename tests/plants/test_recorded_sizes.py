@@ -9,6 +9,7 @@ import pytest
 
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
+from hoopd.plants.fingerprint import fingerprint
 from hoopd.plants.found_effects import EffectError, checked
 from hoopd.plants.plant_file import parse_plant
 from hoopd.plants.recorded_sizes import undeclared_sizes, with_recorded_sizes
@@ -59,9 +60,10 @@ def test_the_largest_of_several_recordings_counts_and_what_is_missing_does_not()
 
 def test_what_is_declared_stays_and_what_never_moves_says_nothing() -> None:
     said = replace(PLANT, scales={"x": 0.5, "T": 7.0, "F": 2.0})
-    assert with_recorded_sizes(said, [recorded()]) is said
+    assert fingerprint(with_recorded_sizes(said, [recorded()])) == fingerprint(said)
     still = from_signals(np.arange(9) * 0.02, {"F": np.zeros(9)}, {"x": np.full(9, 2.0), "T": np.zeros(9)})
-    assert with_recorded_sizes(PLANT, [still]) is PLANT
+    assert fingerprint(with_recorded_sizes(PLANT, [still])) == fingerprint(PLANT)
+    assert with_recorded_sizes(PLANT, [still]).middles == {"F": 0.0, "x": 2.0, "T": 0.0}
     for name in ("hoop", "pendulum", "axis", "tanks", "falling", "circuit", "drives"):
         assert undeclared_sizes(plant_named(name)) == ()
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.simulation import Simulated, fitted_starts, windows_of
-from hoopd.plants.growth import window_of
+from hoopd.diagnose.proof.window_lengths import window_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.stretches import Stretch

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.fit_tables import Played, start_weights
 from hoopd.diagnose.proof.simulation import fitted_starts, windows_of
+from hoopd.diagnose.proof.window_lengths import WINDOW_S, window_of
 from hoopd.diagnose.search.folds import FOLDS, fold_values, spans_of
-from hoopd.plants.growth import WINDOW_S, window_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch

@@ -27,6 +27,7 @@ from hoopd.diagnose.proof.window_comparison import (
     start_spread,
     usual_sizes,
 )
+from hoopd.diagnose.proof.window_lengths import growth_of
 from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsEliminated, minimise
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
@@ -37,7 +38,7 @@ from hoopd.plants.scales import LEAST_SIZE, parameter_size
 
 Array = NDArray[np.float64]
 
-# Lengths of the windows, one after the other; None: the whole stretch.
+# Lengths of the windows, one after the other; None: the whole stretch. Of what moves away by itself the first alone.
 LENGTHS_S: tuple[float | None, ...] = (2.0, 5.0, None)
 MOST_STEPS = 12
 # A search ends when a step lowers the cost by less than this share.
@@ -86,7 +87,8 @@ def refine(
     here, starts = dict(values), list(references)
     weights = channel_weights(stretches)
     parts: list[Part] = []
-    for length in lengths_s:
+    falls = any(growth_of(one.plant) > 0.0 for one in stretches)
+    for length in lengths_s[:1] if falls else lengths_s:
         parts = [part_of(s, r, effects, w, free, length) for s, r, w in zip(stretches, starts, weights, strict=True)]
         here, cost = _search(parts, here, tuple(free), effects, settled, drawn)
         starts = [node_states(part, here) for part in parts]

@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.diagnose.proof.window_lengths import WINDOW_S, window_scale
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.growth import WINDOW_S, window_scale
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch

@@ -22,10 +22,10 @@ from math import inf
 
 from hoopd.diagnose.proof.fit_tables import Played
 from hoopd.diagnose.proof.fold_runs import fold_runs
+from hoopd.diagnose.proof.window_lengths import WINDOW_S
 from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.growth import WINDOW_S
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 SENSOR = "sensor"

@@ -27,9 +27,9 @@ from hoopd.diagnose.proof.fit_tables import Played, nrmse
 from hoopd.diagnose.proof.fold_runs import HeldBlock, Values, blocks_of, fold_runs
 from hoopd.diagnose.proof.free_run_refinement import Pull, Refined, refine
 from hoopd.diagnose.proof.two_estimates import beyond_chance
+from hoopd.diagnose.proof.window_lengths import WINDOW_S
 from hoopd.diagnose.proof.worse_channels import LEAST_POINTS
 from hoopd.diagnose.search.folds import FOLDS, fold_values
-from hoopd.plants.growth import WINDOW_S
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretch_scatter import half_widths
 from hoopd.plants.scales import parameter_size

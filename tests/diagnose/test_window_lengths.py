@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hoopd.diagnose.proof import window_lengths
 from hoopd.diagnose.proof.simulation import windows_of
+from hoopd.diagnose.proof.window_lengths import growth_of, growth_sentence, window_of
 from hoopd.diagnose.proof.written_parameters import written_parameters
-from hoopd.plants import growth as growth_module
-from hoopd.plants.growth import growth, growth_sentence, window_of
+from hoopd.plants.declaration import Plant
+from hoopd.plants.growth import growth
 from hoopd.plants.likelihood.fitting import fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 from hoopd.plants.plant_file import parse_plant
+from hoopd.plants.recorded_sizes import with_recorded_sizes
 from hoopd.plants.registry import plant_named
+from hoopd.recording.recording import from_signals
 
 UPRIGHT = """
 schema: hoopd.plant/1
@@ -27,6 +31,20 @@ equations:
   a: I*a'' = T + k*sin(a) - c*a'
 channels: {a: {reads: a, sensor: encoder}}
 sample_time_s: 0.02
+"""
+MAGNET = """
+schema: hoopd.plant/1
+name: magnet
+coordinates: {z: {unit: m, usual: 0.01, usual_rate: 0.1}}
+inputs: {i: {unit: A, limit: 3}}
+parameters:
+  m: {value: 0.06, unit: kg}
+  C: {value: 6.5e-5, unit: N m2/A2}
+  g: {value: 9.81, unit: m/s2, held: true}
+equations:
+  z: m*z'' = m*g - C*i^2/z^2
+channels: {z: {reads: z, sensor: laser}}
+sample_time_s: 0.002
 """
 PLANT = parse_plant(UPRIGHT, "upright.yaml")
 TRUE = {"I": 0.021, "k": 0.66, "c": 0.012}
@@ -64,9 +82,40 @@ def test_what_hangs_or_hardly_moves_away_has_windows_of_its_motion() -> None:
     hanging = parse_plant(UPRIGHT.replace("T + k*sin(a)", "T - k*sin(a)"), "hanging.yaml")
     slowly = parse_plant(UPRIGHT.replace("k: {value: 0.7", "k: {value: 1.0e-7"), "slowly.yaml")
     for plant in (hanging, slowly, *(plant_named(name) for name in ("hoop", "pendulum", "axis", "falling", "tanks"))):
-        assert growth(plant) == 0.0 and growth_sentence([plant]) == ""
+        assert growth_of(plant) == 0.0 and growth_sentence([plant]) == ""
     assert window_of([hanging]) == pytest.approx(2.0 * 5.0)
     assert window_of([hanging, PLANT]) == window_of([PLANT])
+
+
+def around(plant: Plant, place: float, force: float = 0.0) -> Plant:
+    """As a diagnosis knows it of recordings about this place."""
+    t, (q,), (given,) = np.arange(0.0, 8.0, 0.02), plant.coordinates, plant.inputs
+    signals = {q: place + 1e-4 * np.sin(t)}, {given.name: np.full(t.size, force)}
+    return with_recorded_sizes(plant, [from_signals(t, signals[1], signals[0])])
+
+
+def test_it_is_looked_at_where_it_was_recorded() -> None:
+    # upright at zero, and hanging in all recordings
+    assert growth(around(PLANT, 0.0)) == pytest.approx(growth(PLANT), rel=1e-3)
+    assert growth(around(PLANT, np.pi)) == 0.0 and growth_sentence([around(PLANT, np.pi)]) == ""
+    # a ball under a magnet: nothing pulls without a current, and there is no place zero
+    magnet = parse_plant(MAGNET, "magnet.yaml")
+    held = 0.01 * np.sqrt(0.06 * 9.81 / 6.5e-5)
+    assert growth(magnet) == 0.0
+    assert growth(around(magnet, 0.01, held)) == pytest.approx(np.sqrt(2.0 * 9.81 / 0.01), rel=0.01)
+
+
+@pytest.mark.parametrize("stiffness", [40.0, 2000.0, 2.0e5])
+def test_no_window_is_too_short_to_see_anything(stiffness: float) -> None:
+    fast = parse_plant(
+        UPRIGHT.replace("k: {value: 0.7, unit: N m, bounds: [0, 100]}", f"k: {{value: {stiffness}, unit: N m}}"),
+        "fast.yaml",
+    )
+    n = 501
+    still = stretch_of("day", fast, np.arange(n) * 0.02, np.zeros(n - 1), {"a": (np.arange(n), np.zeros(n))})
+    readings = np.isfinite(windows_of(still).y).sum(axis=(0, 1))
+    assert readings.min() >= 7
+    assert "sampled too rarely" in growth_sentence([fast]) and "too rarely" not in growth_sentence([PLANT])
 
 
 def test_windows_of_a_recording_are_as_long_as_is_said() -> None:
@@ -81,5 +130,5 @@ def test_a_model_of_what_falls_is_written_with_its_own_parameters(monkeypatch: p
     for name in ("I", "k"):
         assert written[name] == pytest.approx(TRUE[name], rel=0.1)
     # in windows of many times of its growth what simulates best is a plant that stands
-    monkeypatch.setattr(growth_module, "growth", lambda plant: 0.0)
+    monkeypatch.setattr(window_lengths, "growth", lambda plant: 0.0)
     assert written_parameters(found, PLANT.values).fit.values["k"] > 2.0 * TRUE["k"]
