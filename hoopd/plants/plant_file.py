@@ -271,8 +271,11 @@ class _Maker:
         return found
 
     def _given_slots(self) -> Iterator[tuple[str, Slot]]:
+        drives = [name for name, one in self._file.slots.items() if one.kind == "actuator"]
         for name, one in self._file.slots.items():
             key = f"slots.{name}"
+            if name in drives[1:]:
+                raise InputError(self._path, key, f"{drives[0]} is the actuator, and there is one: the first input's")
             known, word = (self._states, "state") if one.kind == "store" else (self._coordinates, "coordinate")
             if one.coordinate not in known:
                 raise InputError(self._path, f"{key}.coordinate", f"{one.coordinate!r} is no {word}")

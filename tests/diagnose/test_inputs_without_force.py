@@ -11,6 +11,7 @@ from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import name_effects
+from hoopd.files.reading import InputError
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import fit
@@ -127,3 +128,28 @@ def test_only_bodies_that_move_each_other_are_joined() -> None:
     assert law.textbook and law.sentence.startswith("a torque between a and b")
     apart = parse_plant(TWO_ROTORS.replace("k*(a - b)", "k*b").replace("- k*b", "- k*a"), "apart.yaml")
     assert not any(name.endswith("_pair") for name in mechanisms(apart))
+
+
+def test_there_is_one_actuator_that_of_the_first_input() -> None:
+    two = "slots: {left: {kind: actuator, coordinate: a}, right: {kind: actuator, coordinate: b}}"
+    with pytest.raises(InputError, match=r"slots.right: left is the actuator, and there is one"):
+        parse_plant(TWO_ROTORS + two, "rotors.yaml")
+    one = plant_named("axis")
+    drive = next(slot for slot in one.slots.values() if slot.kind == "actuator")
+    with pytest.raises(ValueError, match="actuators; there is one"):
+        replace(one, slots={**one.slots, "other": drive})
+
+
+def test_bodies_are_joined_by_a_coupling_that_is_believed_to_be_nothing() -> None:
+    loose = parse_plant(TWO_ROTORS.replace("k: 2 N m", "k: {value: 0, unit: N m, bounds: [0, 10]}"), "loose.yaml")
+    whole = parse_plant(TWO_ROTORS, "rotors.yaml")
+    assert [*mechanisms(loose)] == [*mechanisms(whole)]
+
+
+def test_a_slow_sensor_is_found_however_finely_it_is_recorded() -> None:
+    tanks = plant_named("tanks")
+    for sample_s in (2.0, 0.1):
+        fine = replace(tanks, time_scale_s=sample_s)
+        slow = [one for name, one in library(fine).items() if name.endswith(".lag") and "actuator" not in name]
+        (t,) = slow[0].parameters
+        assert t.high >= 1000.0 * sample_s and max(t.grid) >= 500.0 * sample_s

@@ -77,7 +77,7 @@ def test_coloured_noise_has_few_candidates_and_no_alarm(time_s: float) -> None:
 
 
 def test_a_hand_is_found_when_it_came_and_went(pushed: Stretch) -> None:
-    kept, out, found = set_aside([pushed], refit)
+    kept, out, found, _ = set_aside([pushed], refit)
     assert len(out) == 1
     assert (out[0].where, out[0].recording) == ("psi", "r")
     assert out[0].t0 == pytest.approx(6.0, abs=0.4) and out[0].t1 == pytest.approx(7.5, abs=0.8)
@@ -111,7 +111,7 @@ def test_an_effect_that_adds_a_coordinate_leaves_the_plants_own_signals(clean: H
 
 def test_a_clean_recording_stays_whole(clean: HypothesisFit) -> None:
     made = clean.tracks[0].stretch
-    kept, out, found = set_aside([made], refit, clean)
+    kept, out, found, _ = set_aside([made], refit, clean)
     assert (out, kept) == ([], [made])
     assert found is clean
 
@@ -129,7 +129,7 @@ def test_the_hand_in_a_real_recording_is_set_aside_unasked() -> None:
     path = shared_path("recordings/meas_ballOnly01.mat")
     source = source_of(path.name, load(path), hoop_plant("entries", PLANT.values))
     before = refit(list(source.stretches))
-    kept, out, found = set_aside(source.stretches, refit, before)
+    kept, out, found, _ = set_aside(source.stretches, refit, before)
     assert any(one.t0 < 14.5 and one.t1 > 16.5 for one in out)
     assert sum(one.t[-1] - one.t[0] for one in kept) > 20.0
     # what is left is told by far less noise

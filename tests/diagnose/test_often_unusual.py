@@ -10,7 +10,7 @@ import pytest
 from diagnose.test_sizes import PLANT
 
 from hoopd.diagnose.quality import excluded_stretches
-from hoopd.diagnose.quality.excluded_stretches import set_aside
+from hoopd.diagnose.quality.excluded_stretches import often_notes, set_aside
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 from hoopd.plants.plant_file import parse_plant
@@ -42,8 +42,27 @@ def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
 
 def test_play_at_every_reversal_is_not_set_aside(monkeypatch: pytest.MonkeyPatch) -> None:
     made = behind_play()
-    kept, out, found = set_aside([made], refit)
+    kept, out, found, often = set_aside([made], refit)
     assert out == [] and [one.t[-1] for one in kept] == [made.t[-1]]
     assert [track.stretch for track in found.tracks] == kept
+    assert len(often) > 4 and f"day1: something unusual happens {len(often)} times" in often_notes(often)[0]
     monkeypatch.setattr(excluded_stretches, "MOST_TIMES", 99)
     assert len(set_aside([made], refit)[1]) > 4
+
+
+def test_a_push_now_and_then_in_a_long_recording_is_set_aside() -> None:
+    random, n, pushes = np.random.default_rng(5), 6001, np.linspace(5.0, 55.0, 6)
+    t, h = np.arange(n) * 0.01, 0.01 / PARTS
+    u = np.repeat(random.choice([-2.0, -1.0, 1.0, 2.0], n // 50 + 1), 50)[: n - 1]
+    th = w = 0.0
+    y = np.zeros(n)
+    for k in range(n - 1):
+        force = 0.3 if any(a <= t[k] < a + 0.15 for a in pushes) else 0.0
+        for _ in range(PARTS):
+            middle = w + h / 2.0 * (0.05 * u[k] + force - 1e-3 * w) / 2.1e-4
+            th, w = th + h * middle, w + h * (0.05 * u[k] + force - 1e-3 * middle) / 2.1e-4
+        y[k + 1] = th
+    pushed = stretch_of("day1", MOTOR, t, u, {"th": (np.arange(n), y + 1e-3 * random.normal(size=n))})
+    _, out, found, often = set_aside([pushed], refit)
+    assert [round(one.t0) for one in out] == pushes.tolist() and often == []
+    assert found.values["b"] == pytest.approx(1e-3, rel=0.01)

@@ -93,7 +93,7 @@ def test_the_uneven_scale_of_the_encoder() -> None:
 def test_the_hand_is_set_aside_and_both_decays_repeat() -> None:
     stretches = source(BALL).stretches
     values = stretches[0].plant.values
-    kept, aside, _ = set_aside(stretches, lambda some: fit(some, (), values))
+    kept, aside, *_ = set_aside(stretches, lambda some: fit(some, (), values))
     assert any(one.t0 < 15.0 and one.t1 > 16.5 for one in aside)
     decays = [one for one in kept if one.t[-1] - one.t[0] > 9.0]
     assert len(decays) == 2
@@ -146,7 +146,7 @@ def test_by_the_tool_the_long_run_of_hoop_and_ball() -> None:
 def test_by_the_tool_the_ball_alone() -> None:
     stretches = source(BALL).stretches
     values = stretches[0].plant.values
-    kept, _, _ = set_aside(stretches, lambda some: fit(some, (), values))
+    kept, *_ = set_aside(stretches, lambda some: fit(some, (), values))
     decays = [one for one in kept if one.t[-1] - one.t[0] > 9.0]
     names = ("ball.rolling_resistance", "camera.center_offset", "ball.quadratic_drag")
     found = refined(decays[:1], names, {"ball.rolling_resistance.r": 5e-5})

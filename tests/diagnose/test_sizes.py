@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hoopd.diagnose.proof.confirmation import is_unsized
-from hoopd.diagnose.proof.told_together import together_sentence, told_together
+from hoopd.diagnose.proof.told_together import Together, together_sentence, told_together
 from hoopd.ident.normal import Z95
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
@@ -75,14 +77,32 @@ def test_a_friction_is_known_as_well_as_the_constants_that_it_stands_beside() ->
 def test_what_the_recordings_tell_only_together_is_said_by_name() -> None:
     names = ["J", "b", "kt"]
     found = with_friction(FRICTION)
-    assert {*told_together(found)} == {*names, "body.coulomb_friction.Fc"}
-    assert "hold one of them" in together_sentence(found)
+    together = told_together(found)
+    assert together is not None and together.ways == 1
+    assert {*together.names} == {*names, "body.coulomb_friction.Fc"}
+    assert "hold one of J, b and kt that is known" in together_sentence(found)
     base = fit([track.stretch for track in found.tracks], (), MOTOR.values)
-    assert told_together(base) == names
+    assert told_together(base) == Together([*names], 1)
     one_held = parse_plant(PLANT.replace("bounds: [1.0e-3, 1]}", "held: true}"), "motor.yaml")
     stretches = [replace(track.stretch, plant=one_held) for track in found.tracks]
-    assert told_together(fit(stretches, (), one_held.values)) == []
+    assert told_together(fit(stretches, (), one_held.values)) is None
     assert together_sentence(fit(stretches, (), one_held.values)) == ""
+
+
+def test_as_many_have_to_be_held_as_there_are_ways_to_change_without_a_trace() -> None:
+    free, random = ("m", "k1", "k2", "c", "d"), np.random.default_rng(0)
+    untold, _ = np.linalg.qr(np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 1.0, 1.0]]).T)
+    rows = 50.0 * random.normal(size=(400, 5))
+    rows -= rows @ untold @ untold.T
+    track = SimpleNamespace(stretch=SimpleNamespace(plant=SimpleNamespace(free=free)))
+    found: Any = SimpleNamespace(
+        free=free,
+        values=dict.fromkeys(free, 1.0),
+        stacked=lambda: np.column_stack([np.zeros(400), rows]),
+        tracks=[track],
+    )
+    assert told_together(found) == Together([*free], 2)
+    assert "hold two of them that are known" in together_sentence(found)
 
 
 def test_of_no_friction_nobody_knows_how_much_there_is() -> None:

@@ -8,6 +8,8 @@ Rules of this file: a fit in, sentences out; nothing is fitted again.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from hoopd.plants.likelihood.fitting import HypothesisFit
@@ -19,28 +21,50 @@ TOGETHER, ALONE = 0.5, 0.05
 BELONGS = 0.2
 
 
-def told_together(found: HypothesisFit) -> list[str]:
-    """Names of the fit's free parameters that change together without a trace; none where there are no such."""
+class Together(NamedTuple):
+    """What recordings do not tell apart."""
+
+    names: list[str]  # of free parameters
+    ways: int  # in which they can change without a trace: so many have to be known
+
+
+def told_together(found: HypothesisFit) -> Together | None:
+    """Free parameters that change together without a trace.
+
+    Parameters
+    ----------
+    found : HypothesisFit
+        A fit with its whitened rows.
+
+    Returns
+    -------
+    Together, optional
+        None where each is told by itself.
+    """
     rows = found.stacked()[:, 1:]
     # changes by shares of the values, and of each alone how well it is seen
     shares = rows * np.abs([found.values[name] for name in found.free])
     seen = [i for i, length in enumerate(np.linalg.norm(shares, axis=0)) if length * ALONE > 1.0]
     if len(seen) < 2:
-        return []
+        return None
     values, vectors = np.linalg.eigh(shares[:, seen].T @ shares[:, seen])
-    if values[0] * TOGETHER**2 > 1.0:
-        return []
-    part = np.abs(vectors[:, 0])
+    untold = values * TOGETHER**2 <= 1.0
+    part = np.linalg.norm(vectors[:, untold], axis=1)
     names = [found.free[i] for i, own in zip(seen, part, strict=True) if own > BELONGS * part.max()]
-    return names if len(names) > 1 else []
+    return Together(names, int(np.count_nonzero(untold))) if untold.any() and len(names) > 1 else None
 
 
 def together_sentence(found: HypothesisFit) -> str:
     """What to do about it; empty where every one is told."""
-    names = told_together(found)
-    if not names:
+    together = told_together(found)
+    if together is None:
         return ""
-    return (
-        f"these recordings tell {listed(names)} only together, each by what the others are: hold one of them that is "
-        "known (held: true in the plant file), and all have intervals of their own."
-    )
+    told = f"these recordings tell {listed(together.names)} only together, each by what the others are"
+    base = [name for name in together.names if name in found.tracks[0].stretch.plant.free]
+    if not base:
+        return f"{told}."
+    some = {1: "one", 2: "two"}.get(together.ways, str(together.ways))
+    of_them = "of them" if len(base) == len(together.names) else f"of {listed(base)}"
+    what = "that is known" if together.ways == 1 else "that are known"
+    held = f"hold {some} {of_them} {what} (held: true in a plant file)"
+    return f"{told}: {held}, and the others have intervals of their own."

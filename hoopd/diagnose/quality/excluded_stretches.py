@@ -7,6 +7,7 @@ Rules of this file: fits are asked for, none is made here.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -27,7 +28,8 @@ MOST_ROUNDS = 3
 # More of a recording than this is not set aside: what happens so often is how the plant behaves.
 MOST_SHARE = 0.25
 # Nor what happens in it so often that no hand, start-up or lost sensor does: play at every reversal is over at once.
-MOST_TIMES = 4
+# That is more than so many times, and more than once in so many seconds of a plant as fast as the hoop.
+MOST_TIMES, ONCE_IN_S = 4, 5.0
 # Nor is anything of which so little is left, between the pieces that are too short: there is nothing to compare with.
 LEAST_LEFT = 0.5
 # Beyond what was seen of it, this much on either side goes too: its onset is below the noise.
@@ -39,8 +41,9 @@ def set_aside(
     refit: Callable[[Sequence[Stretch]], HypothesisFit],
     first: HypothesisFit | None = None,
     belongs_not: Callable[[Interval], bool] = lambda one: True,
-) -> tuple[list[Stretch], list[Interval], HypothesisFit]:
-    """Stretches without what does not belong to them (of what is unusual), what that was, and the fit of the rest."""
+) -> tuple[list[Stretch], list[Interval], HypothesisFit, list[Interval]]:
+    """Stretches without what does not belong to them (of what is unusual), what that was, the fit of the rest; and what
+    would not belong to them, did it not happen so often."""
     found, current = refit(stretches) if first is None else first, list(stretches)
     out: list[Interval] = []
     total = {name: _seconds([s for s in stretches if s.recording == name]) for name in {s.recording for s in stretches}}
@@ -55,11 +58,20 @@ def set_aside(
         if len(confirmed) < len(worst):
             kept, trial = _without(current, confirmed, refit)
         current, found, out = kept, trial, [*out, *confirmed]
-    often = {name for name in total if sum(one.recording == name for one in out) > MOST_TIMES}
+    often = [one for one in out if _is_often(sum(same.recording == one.recording for same in out), one, stretches)]
     if often:
-        out = [one for one in out if one.recording not in often]
+        out = [one for one in out if one not in often]
         current, found = _without(stretches, out, refit)
-    return current, sorted(out, key=lambda one: (one.recording, one.t0)), found
+    return current, sorted(out, key=lambda one: (one.recording, one.t0)), found, often
+
+
+def often_notes(often: Sequence[Interval]) -> list[str]:
+    """What was left in for that, by recording."""
+    counts = Counter(one.recording for one in often)
+    return [
+        f"{name}: something unusual happens {count} times: so often is how the plant behaves, and nothing was set aside"
+        for name, count in counts.items()
+    ]
 
 
 def still_unusual(aside: Sequence[Interval], whole: HypothesisFit, usual: HypothesisFit) -> list[Interval]:
@@ -85,6 +97,13 @@ def leaving_enough(stretches: Sequence[Stretch], out: Sequence[Interval]) -> lis
         if _seconds(without(own, mine)) >= LEAST_LEFT * _seconds(own):
             found += mine
     return found
+
+
+def _is_often(times: int, one: Interval, stretches: Sequence[Stretch]) -> bool:
+    """Whether what happens so many times in the interval's recording is how the plant behaves."""
+    mine = [each for each in stretches if each.recording == one.recording]
+    slower = min(motion_scale(each.plant) for each in mine)
+    return times > max(MOST_TIMES, _seconds(mine) / (ONCE_IN_S * slower))
 
 
 def _without(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from hoopd.diagnose.quality.excluded_stretches import leaving_enough, set_aside, still_unusual, without
+from hoopd.diagnose.quality.excluded_stretches import leaving_enough, often_notes, set_aside, still_unusual, without
 from hoopd.diagnose.quality.left_modes import left_modes
 from hoopd.diagnose.quality.unusual_intervals import Interval, UnusualSignal
 from hoopd.diagnose.search.bounded_disturbance import likeliest
@@ -69,8 +69,10 @@ def without_events(
     found = refit(stretches) if first is None else first
     removed, notes = left_modes(found)
     whole = without(stretches, removed) if removed else stretches
-    kept, aside, found = set_aside(whole, refit, None if removed else found, lambda one: does_not_belong(one, whole))
-    return CountedData(whole, kept, aside, removed, notes), found
+    kept, aside, found, often = set_aside(
+        whole, refit, None if removed else found, lambda one: does_not_belong(one, whole)
+    )
+    return CountedData(whole, kept, aside, removed, [*notes, *often_notes(often)]), found
 
 
 def does_not_belong(one: Interval, stretches: Sequence[Stretch]) -> bool:

@@ -175,7 +175,7 @@ def _in_its_own_place(
         return own, surprise_of(one.score, loss, judge.train)
     screen = MechanismScreen(without, mine, level=False, among=len(mechanisms))
     own = max((each.gain for each in screen.proposals), default=loss)
-    return own, _worth_of(screen, one.effect.name, loss, loss)
+    return own, _worth_of(screen, one.effect.name, loss, surprise_of(one.score, loss, judge.train))
 
 
 def _fitted_worth(screen: MechanismScreen, one: Tried) -> float:

@@ -121,7 +121,7 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
 
 def _lag(plant: Plant, name: str, channels: tuple[str, ...]) -> Effect:
     return replace(
-        _slow(plant, f"{name}.lag", name, channels, 2.0, geometric(0.005, 1.0, 10)),
+        _slow(plant, f"{name}.lag", name, channels, 40.0, geometric(0.005, 20.0, 14)),
         formula="T m' = x - m",
         statement="it follows what it measures with a time constant T",
         signature="the reading is behind, and its fast changes are smaller",

@@ -41,9 +41,9 @@ NOTHING = 1e-6
 # Its constants are looked for so far beyond those that a screen tries: further off the law is its own limit there.
 BEYOND_TRIED = 10.0
 # Shares of the least way of a memory that a reading's is tried at, too.
-FINER = (0.1, 0.3)
+FINER, WAYS = (0.1, 0.3), ("dahl", "play")
 # Shapes whose v0 is a place, with either sign.
-PLACED = ("above", "below", "well", "detent", "bent", "lens")
+PLACED = ("above", "below", "well", "detent", "bent", "lens", "step")
 # Each constant of a law costs evidence; a textbook's law costs what it is rarer than a library's name, one to seven.
 NATS_A_CONSTANT, TEXTBOOK_COST_NATS = 1.5, 2.0
 
@@ -156,7 +156,7 @@ class Mechanism:
             return [dict(one) for one in self.shape.grid(self.axis, v)]
         assert self.memory is not None
         first, second, every = self.memory.constant, self.memory.second, self.memory.grid(v, t)
-        if self.site.acts == READING and every:
+        if self.site.acts == READING and every and self.memory.name in WAYS:
             # a sensor shows what is far too small to move anything
             every = [*(share * min(every) for share in FINER), *every]
         if not second:

@@ -32,6 +32,8 @@ WIDTHS, WIDTHS_RAD = (0.05, 0.15), (0.12, 0.3)
 SETTLING = (0.05, 0.15, 0.4)
 # Choices to each side of one wave a turn, where the scale of the angle is not known.
 MOST_SCALES = 150
+# Moments of what begins once in a recording, and how long it takes then, as a share of their distance.
+MOMENTS, SUDDEN = 24, 0.5
 # Of a pull that changes its sign at its place, widths and how many places of each: half a width off it is another one.
 DETENT_PLACES = ((0.15, 42), (0.35, 28), (0.6, 16))
 WAVES = tuple(float(n) for n in range(1, 37))
@@ -145,6 +147,12 @@ def _times(axis: Axis, v: Array) -> list[Constants]:
     return [{"v0": float(one * np.max(v))} for one in SETTLING if np.max(v) > 0.0]
 
 
+def _moments(axis: Axis, v: Array) -> list[Constants]:
+    reach = float(np.max(v))
+    w = SUDDEN * reach / MOMENTS
+    return [{"v0": reach * (k + 0.5) / MOMENTS, "w": w} for k in range(MOMENTS)] if reach > 0.0 else []
+
+
 def _squared(ops: Any, v: Any, v0: Any, turning: bool) -> Any:
     """(v - v0)^2, on a turn 2 - 2 cos(v - v0): the same near v0, and again after every turn."""
     return 2.0 * (1.0 - ops.cos(v - v0)) if turning else (v - v0) ** 2
@@ -243,6 +251,11 @@ def _saw(ops: Any, v: Any, c: Constants) -> Any:
 
 BEAT = ShapeLaw("beat", _saw, "frac((n {v} + phi)/2 pi)", "grows and falls back in a saw-tooth of", (TIME,), 0, ("n",),
              _beats, phased=True, first=-DROP / np.pi, mean=0.5)  # fmt: skip
+
+
+STEP = ShapeLaw("step", lambda ops, v, c: (1.0 + ops.tanh((v - c["v0"]) / c["w"])) / 2.0,
+                "(1 + tanh(({v} - v0)/w))/2", "steps to another level at one moment of", (TIME,), 0, ("v0", "w"),
+                _moments)  # fmt: skip
 
 
 def shapes_of(axis: Axis) -> list[ShapeLaw]:

@@ -1,0 +1,78 @@
+"""A law that changes at one moment of a recording: when, by how much, and of what."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.mechanism_search import name_mechanisms
+from hoopd.diagnose.search.naming import name_effects
+from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+from hoopd.plants.plant_file import parse_plant
+
+MOTOR = parse_plant(
+    """
+schema: hoopd.plant/1
+name: motor
+coordinates: {th: {unit: rad, usual: 20, usual_rate: 30}}
+inputs: {T: {unit: N m, limit: 0.2}}
+parameters:
+  J: {value: 2.0e-4, unit: kg m2, bounds: [1.0e-6, 1.0e-2]}
+  b: {value: 1.0e-3, unit: N m s, bounds: [0, .inf]}
+equations:
+  th: J*th'' = T - b*th'
+channels: {th: {reads: th, sensor: encoder}, w: {reads: th', sensor: tacho}}
+sample_time_s: 0.01
+""",
+    "motor.yaml",
+)
+J, B, PARTS = 1.94e-4, 1.05e-3, 10
+
+
+def recorded(name: str, seed: int, *, changes_s: float, friction: float = 1.0, drive: float = 1.0) -> Stretch:
+    """Levels of a torque, by the midpoint rule; from a moment on with another friction or another drive."""
+    random, n = np.random.default_rng(seed), 1501
+    t, h = np.arange(n) * 0.01, 0.01 / PARTS
+    u = np.repeat(random.choice([-0.06, -0.02, 0.02, 0.06], n // 30 + 1), 30)[: n - 1]
+    th = w = 0.0
+    shown = np.zeros((n, 2))
+    for k in range(n - 1):
+        b, torque = (B * friction, drive * u[k]) if t[k] >= changes_s else (B, u[k])
+        for _ in range(PARTS):
+            middle = w + h / 2.0 * (torque - b * w) / J
+            th, w = th + h * middle, w + h * (torque - b * middle) / J
+        shown[k + 1] = th, w
+    shown += random.normal(size=shown.shape) * (1e-3, 0.1)
+    rows = np.arange(n)
+    return stretch_of(name, MOTOR, t, u, {"th": (rows, shown[:, 0]), "w": (rows, shown[:, 1])})
+
+
+def named(train: list[Stretch]) -> HypothesisFit:
+    known, nominal = library(MOTOR), fit(train, (), MOTOR.values, move=False)
+    base = fit(train, (), MOTOR.values, like=nominal, noise=nominal.noise)
+    found = name_effects(train, known, nominal, base, Settings())
+    name_mechanisms(found, Judge(train, known, Settings()), [*mechanisms(MOTOR).values()])
+    return found.final
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "size"),
+    [
+        ("body.step_of_t_on_dth", {"friction": 1.15}, -0.15 * B),
+        ("actuator.step_of_t_on_t", {"drive": 0.94}, -0.06),
+    ],
+)
+def test_what_changes_in_the_middle_is_found_with_its_moment(name: str, changed: dict[str, float], size: float) -> None:
+    final = named([recorded(f"day{seed}", seed, changes_s=8.4, **changed) for seed in (1, 2)])
+    assert final.names == (name,)
+    assert final.values[f"{name}.v0"] == pytest.approx(8.4, abs=0.15)
+    assert final.values[f"{name}.A"] == pytest.approx(size, rel=0.1)
+    assert final.values["b"] == pytest.approx(B, rel=0.02) and final.values["J"] == pytest.approx(J, rel=0.02)
+
+
+def test_where_nothing_changes_no_moment_is_found() -> None:
+    assert named([recorded(f"day{seed}", seed, changes_s=99.0) for seed in (1, 2)]).names == ()
