@@ -1,8 +1,8 @@
 """What a diagnosis of the newest minutes says of a loop that runs: another parameter, another physics, a broken sensor.
 
 A sensor that is broken is never learned. Broken is what a row of the fault table names, a share of false or late
-pictures, and whatever a diagnosis finds at a sensor's slot but a delay of up to 60 ms: a filter can be told how late a
-sample is, and it can not be told the truth that a sensor no longer sees.
+pictures, a length that seems to have changed, and whatever a diagnosis finds at a sensor's slot but a delay of up to
+60 ms: a filter can be told how late a sample is, and it can not be told the truth that a sensor no longer sees.
 
 Rules of this file: a diagnosis and seconds of faults in, one judgement out; pure.
 """
@@ -26,7 +26,7 @@ OF_THE_COMPUTER = frozenset(
 LEAST_SHARE = 0.02
 # The filter's history bears delays up to this; later is a fault of its own.
 MOST_DELAY_S = 0.06
-SENSOR_SLOTS = ("camera", "encoder")
+SENSOR_SLOTS, LENGTH = ("camera", "encoder"), "m"
 DELAYS: Mapping[str, str] = MappingProxyType(
     {"camera.latency": "d", "encoder.latency": "d", "encoder.speed_lag": "T", "actuator.delay": "d"}
 )
@@ -34,6 +34,9 @@ DOUBTED = ("weak", "untested", "not_confirmed")
 # An effect that makes a simulation of held-out data better by less, in percent points, is a correction and no change;
 # so is a parameter that changed by a smaller share.
 LEAST_GAIN_PERCENT, LEAST_CHANGE = 0.5, 0.02
+# No length of a device changes while it runs. One that seems to, by so much and beyond its interval, is how a camera sees
+# it: a scale that is wrong, a lens that has moved.
+MOST_LENGTH_CHANGE = 0.05
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,9 @@ def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s:
     for one in diagnosis.effects:
         if one.status != "not_confirmed" and _is_large(one) and (why := _broken(one)):
             return why
+    for name, share in _changed(diagnosis.base.parameters).items():
+        if diagnosis.base.parameters[name].unit == LENGTH and abs(share) > MOST_LENGTH_CHANGE:
+            return f"{name} seems to be {share:+.0%}, and no length changes while it runs: the camera's scale is wrong"
     return ""
 
 

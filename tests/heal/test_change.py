@@ -48,6 +48,15 @@ def test_a_parameter_that_left_its_interval_is_a_changed_parameter() -> None:
     assert judged(said(base=parameters(bh=(7.05e-4, 1e-6, 7e-4))), {}, 40.0).kind == NOTHING
 
 
+@pytest.mark.parametrize(("radius", "kind"), [(0.113, SENSOR), (0.080, SENSOR), (0.098, PARAMETERS)])
+def test_a_length_that_seems_to_change_is_a_camera_that_sees_it_wrong(radius: float, kind: str) -> None:
+    base = parameters(mb=(0.127, 1e-3, 0.0608), Ro=(radius, 1e-4, 0.0957))
+    metres = {**base.parameters, "Ro": msgspec.structs.replace(base.parameters["Ro"], unit="m")}
+    judgement = judged(said(base=Base(model="hoop", parameters=metres), verdict="parameters"), {}, 40.0)
+    assert judgement.kind == kind
+    assert kind != SENSOR or "no length changes while it runs" in judgement.reason
+
+
 @pytest.mark.parametrize("name", ["camera.outliers", "camera.late_frames", "camera.center_offset", "encoder.harmonic"])
 def test_a_broken_sensor_is_never_learned(name: str) -> None:
     judgement = judged(found(name, {"share": 0.1}, evidence=COUNTED), {}, 40.0)
