@@ -34,8 +34,8 @@ DOUBTED = ("weak", "untested", "not_confirmed")
 # An effect that makes a simulation of held-out data better by less, in percent points, is a correction and no change;
 # so is a parameter that changed by a smaller share.
 LEAST_GAIN_PERCENT, LEAST_CHANGE = 0.5, 0.02
-# No length of a device changes while it runs. One that seems to, by so much and beyond its interval, is how a camera sees
-# it: a scale that is wrong, a lens that has moved.
+# No length of a device changes while it runs. One that seems to, by so much and beyond its interval, is how a camera
+# sees it: a scale that is wrong, a lens that has moved.
 MOST_LENGTH_CHANGE = 0.05
 
 
