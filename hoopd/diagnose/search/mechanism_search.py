@@ -21,7 +21,6 @@ from hoopd.diagnose.search.mechanism_screen import MechanismScreen, ProposedMech
 from hoopd.diagnose.search.naming import (
     NEAR_SHARE,
     OCCAM_NATS,
-    OTHER_STARTS,
     MechanismTrial,
     Named,
     Refusal,
@@ -37,6 +36,8 @@ from hoopd.plants.likelihood.fitting import HypothesisFit
 
 # Mechanisms in one explanation; proposals of a screen that are refitted.
 MOST_MECHANISMS, MOST_REFITS = 2, 3
+# Of those that were screened along a fit with usual disturbances, so many are refitted.
+MOST_HELD = 2
 # Names in whose place mechanisms are tried, those that explain most, and mechanisms that are fitted there.
 MOST_SWAPS = 2
 # Beside no other effect the first order of a screen is rough: a mechanism that explains this share is fitted in place
@@ -256,7 +257,7 @@ def _held_scores(about: HypothesisFit, mechanisms: Sequence[Mechanism], judge: J
     held = stiffened(about)
     left = left_variance(held)
     found = [_score(one, held, left) for one in MechanismScreen(held, mechanisms, level=False).proposals]
-    return sorted(found, key=lambda one: -_worth(one))[:OTHER_STARTS]
+    return sorted(found, key=lambda one: -_worth(one))[:MOST_HELD]
 
 
 def _score(one: ProposedMechanism, about: HypothesisFit, left: float | None = None) -> Score:
