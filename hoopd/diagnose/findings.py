@@ -40,6 +40,7 @@ from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.grammar.mechanism import BEGAN
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretch_scatter import interval
@@ -81,12 +82,16 @@ def _units(found: HypothesisFit) -> dict[str, str]:
 
 
 def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
-    """Of one effect; what belongs to a recording is given for the first one, then by recording."""
+    """Of one effect; what belongs to a recording is given for the first one in which it is anything, then by
+    recording."""
     out = {}
     recordings = list(dict.fromkeys(track.stretch.recording for track in found.tracks))
     for p in effect.parameters:
         key = effect.key(p.name)
+        if p.name == BEGAN:
+            continue  # a sentence says in which recording it was
         own = [f"{key}@{r}" for r in recordings if f"{key}@{r}" in found.values] if p.per_recording else []
+        own.sort(key=lambda name, p=p: found.values[name] == p.neutral)  # type: ignore[misc]
         # outside of its range a neutral value stands for infinity
         neutral = p.neutral if p.low <= p.neutral <= p.high else None
         names = {p.name: own[0] if own else key}
@@ -142,7 +147,7 @@ def _effect(
         parameters=parameters_of(effect, said.kept if name in said.kept.names else named.final),
         evidence=Evidence(log_likelihood_gain=loss, threshold=needed, heldout_gain_percent=gain),
         not_excluded=apart.not_excluded,
-        statement=effect.statement,
+        statement=effect.statement + _since(effect, named.final),
         formula=effect.formula,
         alternatives=list(apart.alternatives),
         ablation=ablation,
@@ -151,6 +156,23 @@ def _effect(
         reason=said.reason(name) or ("" if is_in_vocabulary(name, named.final) else OF_YOUR_OWN),
         in_model=name in said.written.names and is_in_vocabulary(name, named.final),
     )
+
+
+# What begins in so small a part of a recording began with it, or before.
+AT_ONCE = 0.01
+
+
+def _since(effect: Effect, found: HypothesisFit) -> str:
+    """From when on it is as it is, where it began once in one of the recordings."""
+    recordings = dict.fromkeys(track.stretch.recording for track in found.tracks)
+    began = [name for name in recordings if found.values.get(f"{effect.key(BEGAN)}@{name}") == 0.0]
+    if not began:
+        return ""
+    times = np.concatenate([track.stretch.t for track in found.tracks if track.stretch.recording == began[0]])
+    moment = found.values[effect.key("v0")]
+    early = moment <= times[0] + AT_ONCE * (times[-1] - times[0])
+    place = began[0] if early else f"{moment:.3g} s of {began[0]}"
+    return f": from {place} on, and in what was recorded after it"
 
 
 # Why a user's own effect is in no model.

@@ -48,7 +48,7 @@ from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.probabilities import beside_faults
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.told_together import together_sentence
-from hoopd.diagnose.proof.unknown_proof import drop_names, missing_of
+from hoopd.diagnose.proof.unknown_proof import drop_names, missing_instead, missing_of
 from hoopd.diagnose.proof.window_lengths import growth_sentence, window_of
 from hoopd.diagnose.proof.written_parameters import Written, written_parameters
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
@@ -174,7 +174,14 @@ def _diagnosed(case: Case) -> Outcome:
     said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed, proofs)
     refused = refused_of(named, said, missing.refused)
     if unknown is None and not is_any_told(named, said):
+        denied = {one.effect.name for one in named.accepted}
         drop_names(named)
+        case.progress("what acts where no name is told")
+        instead = missing_instead(named, runs, list(library.values()), denied, case.seed) if denied else None
+        if instead is not None:
+            missing, unknown = instead, instead.unknown
+            fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
+            said = confirmation(named, runs, fits, missing.proof, case.settings.threshold, case.seed, {})
     fitted = runs.played({"nominal": named.nominal, "base": named.base, "final": said.final})
     table = FitTable(
         train=fits_of(fitted),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hoopd.diagnose.findings import _since, parameters_of
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import name_effects
@@ -72,6 +73,31 @@ def test_what_changes_in_the_middle_is_found_with_its_moment(name: str, changed:
     assert final.values[f"{name}.v0"] == pytest.approx(8.4, abs=0.15)
     assert final.values[f"{name}.A"] == pytest.approx(size, rel=0.1)
     assert final.values["b"] == pytest.approx(B, rel=0.02) and final.values["J"] == pytest.approx(J, rel=0.02)
+
+
+def test_what_changes_once_and_stays_is_found_with_its_recording() -> None:
+    """Off in the first recording until a moment, on ever since: in the second one, and in any that is held out."""
+    name = "body.change_of_t_on_dth"
+    train = [recorded("day1", 1, changes_s=9.1, friction=1.15), recorded("day2", 2, changes_s=0.0, friction=1.15)]
+    final = named(train)
+    assert final.names == (name,)
+    assert final.values[f"{name}.v0"] == pytest.approx(9.1, abs=0.15)
+    assert final.values[f"{name}.A"] == pytest.approx(-0.15 * B, rel=0.1)
+    assert (final.values[f"{name}.began@day1"], final.values[f"{name}.began@day2"] > 1e6) == (0.0, True)
+    later = [recorded("day3", 3, changes_s=0.0, friction=1.15)]
+    without = fit(later, (), final.values, free=())
+    assert without.criterion - fit(later, final.effects, final.values, free=()).criterion > 50.0
+    (effect,) = final.effects
+    assert _since(effect, final) == ": from 9.1 s of day1 on, and in what was recorded after it"
+    assert [*parameters_of(effect, final)] == ["A", "v0", "w"]
+
+
+def test_what_began_between_two_recordings_is_in_the_second_one() -> None:
+    train = [recorded("day1", 1, changes_s=99.0), recorded("day2", 2, changes_s=0.0, drive=0.94)]
+    final = named(train)
+    name = "actuator.change_of_t_on_t"
+    assert final.names == (name,) and final.values[f"{name}.A"] == pytest.approx(-0.06, rel=0.1)
+    assert _since(final.effects[0], final) == ": from day2 on, and in what was recorded after it"
 
 
 def test_where_nothing_changes_no_moment_is_found() -> None:

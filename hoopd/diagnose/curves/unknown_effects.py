@@ -169,6 +169,16 @@ def judge_unknown(base: Survey, named: Survey | None = None, *, draws: int = 200
     return _unknown(base if alone else named, share, not alone, reason)
 
 
+def not_told_apart(base: Survey) -> Unknown | None:
+    """The best curve, though the best name that was too little for itself could be what it follows; None where no
+    curve says more than chance. Held-out data have to ask for it."""
+    if not base.fires:
+        return None
+    name = max(base.named, key=of_name, default=None)
+    could = "" if name is None else f"{name.member.effect.name} could be it, and has too few nats of its own"
+    return _unknown(base, 1.0, False, could)
+
+
 def expected(gain: float, columns: int) -> float:
     """Nats beyond what so many columns gain by chance."""
     return max(gain - columns / 2.0, 0.0)

@@ -23,6 +23,9 @@ from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 # A name whose surprise is so many times the threshold is no chance, whatever a simulation makes of it.
 STRONG = 2.0
+# One whose surprise is so many times that is of something that happened, though it be in the training data alone, where
+# what the held-out data lose is no more than this part of it.
+CERTAIN, LESS = 4.0, 0.5
 # Times in words: to this share of a window.
 OF_A_WINDOW = 0.1
 
@@ -56,8 +59,10 @@ class Denial:
 
     def leaves_evidence(self, surprise: float, threshold: float) -> bool:
         """Whether something is there all the same: the training data say so far beyond chance, or the held-out data
-        bear it out reading by reading."""
-        return not self.is_refuted and self.asks_for_another(surprise, threshold)
+        bear it out reading by reading. What these refuse altogether has to be certain of the training data."""
+        if self.is_refuted:
+            return surprise >= CERTAIN * threshold and -self.nats <= LESS * surprise
+        return self.asks_for_another(surprise, threshold)
 
     def asks_for_another(self, surprise: float, threshold: float) -> bool:
         """Whether another name is to be looked for: not in the place of one that chance may have brought."""

@@ -11,13 +11,20 @@ Rules of this file: the held-out data refuse the values of a curve by the rule b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from hoopd.diagnose.curves.curve import UnnamedCurve, curves
 from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
 from hoopd.diagnose.curves.curve_screen import CurveScreen, null_quantiles
-from hoopd.diagnose.curves.unknown_effects import DETECTION_CHANCE, Survey, Unknown, judge_unknown, survey
+from hoopd.diagnose.curves.unknown_effects import (
+    DETECTION_CHANCE,
+    Survey,
+    Unknown,
+    judge_unknown,
+    not_told_apart,
+    survey,
+)
 from hoopd.diagnose.proof.denial import Denial
 from hoopd.diagnose.proof.held_out import HeldOut, on_heldout
 from hoopd.diagnose.search.candidates import UNSEEN_LOSS, UNSEEN_SHARE
@@ -106,12 +113,38 @@ def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int
     first = of(named.base, named.scores, [replace(one.score, gain=one.gain) for one in named.tried])
     second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
     unknown = judge_unknown(first, second, seed=seed)
-    proof = None if unknown is None else proven(unknown, held, seed)
+    proof = _borne_out(first, held, seed) if unknown is None and second is None else None
+    proof = proof if unknown is None else proven(unknown, held, seed)
     if proof is not None and proof.joint is not None and not proof.unknown.beside_names:
         drop_names(named)
     if proof is not None and not proof.is_told:
         return Missing(first, None, second, refused=proof)
     return Missing(first, proof, second)
+
+
+def _borne_out(about: Survey, held: HeldOut, seed: int) -> Proven | None:
+    """A curve that a name too small for itself may be behind: something acts, where data that it was not fitted to gain
+    as much by it as it has to gain at all."""
+    unknown = not_told_apart(about)
+    proof = None if unknown is None else proven(unknown, held, seed)
+    if unknown is None or proof is None or proof.heldout is None or (without := held.of(unknown.beside)) is None:
+        return None
+    return proof if without.criterion - proof.heldout.criterion >= about.threshold else None
+
+
+def missing_instead(
+    named: Named, held: HeldOut, effects: Sequence[Effect], denied: Collection[str], seed: int
+) -> Missing | None:
+    """What has no name where held-out data have refused all names: those explained nothing, and a curve that was no
+    more than they are may. None where it is not proven either."""
+    survey_of_rest = survey(
+        named.base, [one for one in effects if one.name not in denied], seed=seed,
+        also=[one for one in named.scores if one.member.effect.name not in denied],
+        fitted=[replace(one.score, gain=one.gain) for one in named.tried if one.effect.name not in denied],
+    )  # fmt: skip
+    unknown = judge_unknown(survey_of_rest, seed=seed)
+    proof = _borne_out(survey_of_rest, held, seed) if unknown is None else proven(unknown, held, seed)
+    return None if proof is None or not proof.is_told else Missing(survey_of_rest, proof)
 
 
 def drop_names(named: Named) -> None:

@@ -24,6 +24,7 @@ from hoopd.plants.effects.grammar.axes import Axis
 from hoopd.plants.effects.grammar.mechanism import READING, Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.kalman_filter import Gains
+from hoopd.plants.likelihood.recording_parameters import values_of
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.whitening_blocks import BLOCK
 
@@ -139,7 +140,8 @@ class FollowedTrack:
             laws = [law if nodes else law[:-1, None] + self._share * onward]
         else:
             v = self._along(axis, nodes=nodes)
-            at = [{**one.constants, "phi": phi} for phi in (0.0, np.pi / 2)] if one.phases == 2 else [one.constants]
+            own = values_of(self.track.stretch.recording, one.constants)
+            at = [{**own, "phi": phi} for phi in (0.0, np.pi / 2)] if one.phases == 2 else [own]
             laws = [mechanism.screened(v, t, constants) for constants in at]
             laws += [np.ones_like(laws[0])] * one.means
         if mechanism.factor is not None:

@@ -26,8 +26,9 @@ from hoopd.diagnose.search.screen import MOST_DEVIATIONS, orthonormal
 from hoopd.diagnose.search.surprise import log_chances, surprise
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.axes import TIME
-from hoopd.plants.effects.grammar.mechanism import Mechanism
+from hoopd.plants.effects.grammar.mechanism import BEGAN, Mechanism
 from hoopd.plants.effects.grammar.mechanisms import code_nats
+from hoopd.plants.effects.grammar.shapes import ALWAYS, CHANGE, STEPS
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]
@@ -40,6 +41,8 @@ DRAWS, DRAW_SEED = 64, 17
 OWN_SHARE = 0.01
 # The residual's colour is asked for the best so many only.
 COLOURED = 40
+# What began between two recordings did so, in widths, before the second one.
+BETWEEN = 2.0
 # Frequencies from which a wave over the time is fitted.
 MOST_STARTS = 3
 
@@ -109,8 +112,26 @@ class MechanismScreen:
         parts = len(self._recordings) if phased and mechanism.axis.kind == TIME else 1
         means = int(phased and mechanism.shape is not None and mechanism.shape.mean != 0.0)
         followed = v if mechanism.memory is None else np.concatenate([one.way(mechanism.axis) for one in own])
-        for constants in mechanism.grid(followed, t):
+        for constants in self._grid(mechanism, own, followed, t):
             yield MechanismChoice(mechanism, constants, 2 if phased else 1, parts, means)
+
+    def _grid(
+        self, mechanism: Mechanism, own: Sequence[FollowedTrack], followed: Array, t: Array
+    ) -> Iterator[dict[str, float]]:
+        """Constants that are tried; of what lasts, those of each recording in which it may have begun."""
+        every = self._recordings
+        if mechanism.shape not in STEPS:
+            yield from mechanism.grid(followed, t)
+        elif mechanism.shape is not CHANGE:
+            # in a single recording it is the same as what lasts, and hardly happens at one time in each
+            yield from mechanism.grid(followed, t) if len(every) > 1 else ()
+        else:
+            for k, name in enumerate(every):
+                times = np.concatenate([one.track.stretch.t for one in own if one.track.stretch.recording == name])
+                marks = {f"{BEGAN}@{r}": ALWAYS * float(np.sign(j - k)) for j, r in enumerate(every)}
+                moments = mechanism.grid(times, times)
+                before = [{**one, "v0": -BETWEEN * one["w"]} for one in moments[: int(k > 0)]]
+                yield from ({**one, **marks} for one in (*before, *moments))
 
     def tried(self, name: str) -> dict[str, tuple[float, float]]:
         """Least and largest of each constant that was tried of a mechanism."""

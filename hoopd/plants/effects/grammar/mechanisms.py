@@ -37,7 +37,7 @@ from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
 from hoopd.plants.effects.grammar.memories import MEMORIES
 from hoopd.plants.effects.grammar.memory_law import MemoryLaw
-from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, LENS, STEP, ShapeLaw, shapes_of
+from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, LENS, STEPS, ShapeLaw, shapes_of
 from hoopd.plants.effects.grammar.textbook import textbook_names
 from hoopd.plants.effects.usual_sizes import input_with_article, units
 
@@ -127,7 +127,7 @@ def _of_body(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
         for shape in shapes_of(CLOCK)
         if shape.name not in ("settling", "fading")
     )
-    yield Mechanism(site, CLOCK, STEP, factor=own)
+    yield from (Mechanism(site, CLOCK, shape, factor=own) for shape in STEPS)
     for memory in _memories("wear"):
         yield Mechanism(site, position(plant, q), memory=memory, factor=own)
     if plant.inputs:
@@ -143,7 +143,7 @@ def _dry(plant: Plant, site: ActingPlace, q: str, axes: Sequence[Axis], own: Axi
             for shape in shapes_of(axis):
                 if shape.name in names or (axis is CLOCK and shape.name == "linear"):
                     yield Mechanism(site, axis, shape, dissipates=True, dry=own)
-    yield Mechanism(site, CLOCK, STEP, dissipates=True, dry=own)
+    yield from (Mechanism(site, CLOCK, shape, dissipates=True, dry=own) for shape in STEPS)
     memories = _memories("wear", "fading", "reversal", "age")
     place = position(plant, q)
     yield from (Mechanism(site, place, memory=m, dissipates=True, dry=own) for m in memories if POSITION in m.kinds)
@@ -225,7 +225,7 @@ def _between(plant: Plant, site: ActingPlace, q: str, other: str) -> Iterator[Me
     for axis in (*own, *_own_axes(plant, site.slot)):
         for shape in _coefficients(axis):
             yield Mechanism(site, _paired(axis), shape, factor=speed, dissipates=shape.name in TAKING)
-    yield Mechanism(site, _paired(CLOCK), STEP, factor=speed)
+    yield from (Mechanism(site, _paired(CLOCK), shape, factor=speed) for shape in STEPS)
     yield from (Mechanism(site, mine, memory=memory, factor=speed) for memory in _memories("wear"))
     for memory in _memories("dahl", "play"):
         yield Mechanism(site, mine, memory=memory, dissipates=memory.dissipates)
@@ -264,7 +264,7 @@ def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
             # a ripple is in the library
             if not (axis.kind == POSITION and shape.name == "wave"):
                 yield Mechanism(site, axis, shape, factor=first)
-    yield Mechanism(site, CLOCK, STEP, factor=first)
+    yield from (Mechanism(site, CLOCK, shape, factor=first) for shape in STEPS)
     if q:
         drives = driving(plant, q)
         for memory in _memories("wear", "reversal"):
@@ -294,7 +294,7 @@ def _of_loss(plant: Plant, site: ActingPlace, own: Axis) -> Iterator[Mechanism]:
     for shape in shapes_of(CLOCK):
         if shape.name in LOSSES:
             yield Mechanism(site, CLOCK, shape, factor=own)
-    yield Mechanism(site, CLOCK, STEP, factor=own)
+    yield from (Mechanism(site, CLOCK, shape, factor=own) for shape in STEPS)
     yield from (Mechanism(site, squared(own), memory=memory, factor=own) for memory in _memories("heat"))
 
 
@@ -313,7 +313,7 @@ def _of_sensor(plant: Plant, name: str, slot: Slot) -> Iterator[Mechanism]:
             for memory in MEMORIES:
                 if axis.kind in memory.kinds and memory.name in ("dahl", "play") and read == q:
                     yield Mechanism(site, axis, memory=memory)
-        yield Mechanism(site, CLOCK, STEP)
+        yield from (Mechanism(site, CLOCK, shape) for shape in STEPS)
         if read == q:
             yield from _of_reading(plant, site, q)
 

@@ -37,6 +37,8 @@ MOMENTS, SUDDEN = 24, 0.5
 # Of a pull that changes its sign at its place, widths and how many places of each: half a width off it is another one.
 DETENT_PLACES = ((0.15, 42), (0.35, 28), (0.6, 16))
 WAVES = tuple(float(n) for n in range(1, 37))
+# s, longer than any recording.
+ALWAYS = 1e9
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
 # Waves over what does not turn: so many in the range of the variable.
@@ -78,6 +80,9 @@ class ShapeLaw:
         Of what has a phase, its first harmonic, the sine that a screen takes for it: its amplitude.
     mean : float
         Of what has a phase, its mean, which a screen takes beside the sine.
+    lasts : bool
+        It begins once, in one of several recordings, and stays in those after it: `began` is ALWAYS in these, less than
+        any time in those before, and 0 in its own.
     """
 
     name: str
@@ -92,6 +97,7 @@ class ShapeLaw:
     phased: bool = False
     first: float = 1.0
     mean: float = 0.0
+    lasts: bool = False
 
 
 def _levels(axis: Axis, v: Array) -> list[Constants]:
@@ -256,6 +262,11 @@ BEAT = ShapeLaw("beat", _saw, "frac((n {v} + phi)/2 pi)", "grows and falls back 
 STEP = ShapeLaw("step", lambda ops, v, c: (1.0 + ops.tanh((v - c["v0"]) / c["w"])) / 2.0,
                 "(1 + tanh(({v} - v0)/w))/2", "steps to another level at one moment of", (TIME,), 0, ("v0", "w"),
                 _moments)  # fmt: skip
+CHANGE = ShapeLaw("change", lambda ops, v, c: (1.0 + ops.tanh((v + c.get("began", 0.0) - c["v0"]) / c["w"])) / 2.0,
+                  "(1 + tanh(({v} - v0)/w))/2, and 1 in the recordings after it", "changes for good at one moment of",
+                  (TIME,), 0, ("v0", "w"), _moments, lasts=True)  # fmt: skip
+# What is not as it was from one moment on: of each recording, or once for all.
+STEPS = (STEP, CHANGE)
 
 
 def shapes_of(axis: Axis) -> list[ShapeLaw]:
