@@ -6,6 +6,7 @@ Rules of this file: from fits to records; a verdict is a table, not a judgement 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import pi
 
 import numpy as np
 from msgspec.structs import replace
@@ -39,10 +40,11 @@ from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.grammar.mechanism import BEGAN
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.recording_parameters import values_of
 from hoopd.plants.likelihood.stretch_scatter import interval
 
 # Hypotheses that a table of fits has a column for.
@@ -99,9 +101,17 @@ def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
             names |= {name.removeprefix(f"{effect.name}."): name for name in own}
         for label, name in names.items():
             out[label] = Quantity(
-                value=found.values.get(name, p.neutral), unit=p.unit, ci95=interval(found, name), nominal=neutral
-            )
+                value=found.values.get(name, p.neutral), unit=p.unit, ci95=_possible(interval(found, name), p),
+                nominal=neutral,
+            )  # fmt: skip
     return out
+
+
+def _possible(found: tuple[float, float] | None, p: EffectParameter) -> tuple[float, float] | None:
+    """The part of an interval in which a parameter can be; None where it is all the way round."""
+    if found is None or (p.role == "phase" and found[1] - found[0] >= 2.0 * pi):
+        return None
+    return (max(found[0], 0.0), found[1]) if p.low >= 0.0 else found
 
 
 def effects_of(
@@ -147,7 +157,7 @@ def _effect(
         parameters=parameters_of(effect, said.kept if name in said.kept.names else named.final),
         evidence=Evidence(log_likelihood_gain=loss, threshold=needed, heldout_gain_percent=gain),
         not_excluded=apart.not_excluded,
-        statement=effect.statement + _since(effect, named.final),
+        statement=effect.statement + _when(effect, named.final),
         formula=effect.formula,
         alternatives=list(apart.alternatives),
         ablation=ablation,
@@ -158,13 +168,17 @@ def _effect(
     )
 
 
+# What pushes does so for so many samples at least.
+LEAST_SAMPLES = 2.0
 # What begins in so small a part of a recording began with it, or before.
 AT_ONCE = 0.01
 
 
-def _since(effect: Effect, found: HypothesisFit) -> str:
-    """From when on it is as it is, where it began once in one of the recordings."""
+def _when(effect: Effect, found: HypothesisFit) -> str:
+    """From when on it is as it is, where it began once in one of the recordings; and what is over at once."""
     recordings = dict.fromkeys(track.stretch.recording for track in found.tracks)
+    if _is_over_at_once(effect, found):
+        return ", for less than two samples: a command that was lost or came late, sooner than a hand"
     began = [name for name in recordings if found.values.get(f"{effect.key(BEGAN)}@{name}") == 0.0]
     if not began:
         return ""
@@ -173,6 +187,17 @@ def _since(effect: Effect, found: HypothesisFit) -> str:
     early = moment <= times[0] + AT_ONCE * (times[-1] - times[0])
     place = began[0] if early else f"{moment:.3g} s of {began[0]}"
     return f": from {place} on, and in what was recorded after it"
+
+
+def _is_over_at_once(effect: Effect, found: HypothesisFit) -> bool:
+    """Whether every push of an effect is over before two samples see it."""
+    spans = []
+    for track in found.tracks:
+        own = values_of(track.stretch.recording, found.values)
+        t0, t1 = (own.get(effect.key(name), 0.0) for name in ("t0", "t1"))
+        if t1 > t0:
+            spans.append((t1 - t0) / float(np.median(track.stretch.h)))
+    return bool(spans) and max(spans) < LEAST_SAMPLES
 
 
 # Why a user's own effect is in no model.

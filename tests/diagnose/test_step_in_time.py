@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoopd.diagnose.findings import _since, parameters_of
+from hoopd.diagnose.findings import _when, parameters_of
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import name_effects
@@ -88,7 +88,7 @@ def test_what_changes_once_and_stays_is_found_with_its_recording() -> None:
     without = fit(later, (), final.values, free=())
     assert without.criterion - fit(later, final.effects, final.values, free=()).criterion > 50.0
     (effect,) = final.effects
-    assert _since(effect, final) == ": from 9.1 s of day1 on, and in what was recorded after it"
+    assert _when(effect, final) == ": from 9.1 s of day1 on, and in what was recorded after it"
     assert [*parameters_of(effect, final)] == ["A", "v0", "w"]
 
 
@@ -97,7 +97,7 @@ def test_what_began_between_two_recordings_is_in_the_second_one() -> None:
     final = named(train)
     name = "actuator.change_of_t_on_t"
     assert final.names == (name,) and final.values[f"{name}.A"] == pytest.approx(-0.06, rel=0.1)
-    assert _since(final.effects[0], final) == ": from day2 on, and in what was recorded after it"
+    assert _when(final.effects[0], final) == ": from day2 on, and in what was recorded after it"
 
 
 def test_where_nothing_changes_no_moment_is_found() -> None:

@@ -287,7 +287,8 @@ def _status(named: Named, one: Tried, fits: Mapping[str, Played], threshold: flo
     if not fits:
         return "untested"
     with_it, without = with_and_without(fits, name)
-    if reach(one.effect, without.fit, with_it.fit) < LEAST_REACH:
+    # along a run without its states what has a memory does nothing: whether it is reached, its own run says
+    if one.effect.plant is None and reach(one.effect, without.fit, with_it.fit) < LEAST_REACH:
         return "untested"
     # what held-out data are not more likely with, they do not bear out
     gained = without.fit.criterion - with_it.fit.criterion

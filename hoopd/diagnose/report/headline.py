@@ -6,6 +6,7 @@ Rules of this file: nothing is judged here, only said; what held-out data deny i
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 
@@ -254,6 +255,10 @@ def is_only_told(effect: EffectFinding) -> bool:
     return effect.in_model is False and not effect.is_unknown and not doubt(effect)
 
 
+# Names of laws over the time, and of those that hold ever since.
+OF_TIME, LASTS = re.compile(r"_of_t(_|$)"), re.compile(r"\.change_")
+
+
 def next_sentence(diagnosis: Diagnosis) -> str:
     """What to do now."""
     if diagnosis.verdict == "consistent":
@@ -275,7 +280,9 @@ def next_sentence(diagnosis: Diagnosis) -> str:
             f"Next: {again}; a model that is written (--write FILE.yaml) is without {names} until it simulates better."
         )
     more = f" To be surer, {record}." if record and not _is_told_apart(diagnosis.next_experiment) else ""
-    return f"Next: keep the model with {listed(written)} (--write FILE.yaml), and design with it.{more}"
+    timed = [name for name in written if OF_TIME.search(name) and not LASTS.search(name)]
+    but = f", which has no use for {listed(timed)}: the time of these recordings does not come again" if timed else ""
+    return f"Next: keep the model with {listed(written)} (--write FILE.yaml), and design with it{but}.{more}"
 
 
 def _is_written(effect: EffectFinding) -> bool:

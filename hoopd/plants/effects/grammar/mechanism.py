@@ -199,6 +199,8 @@ class Mechanism:
         if self.dry is not None:
             acts[FORCE] = {"friction": DryFriction(self._level, lambda s: dict(self.site.on))}
         follows = [one.name for one in (self.axis, self.factor, self.dry) if one is not None]
+        if self.shape is not None and self.shape.lasts and len(follows) > 1:
+            follows = follows[1:]  # when it began is past: what it follows since is the rest
         return Effect(
             self.name,
             tuple(self._parameters()),

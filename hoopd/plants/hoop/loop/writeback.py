@@ -70,7 +70,7 @@ def _reason(effect: Effect) -> str:
         return "the filter has no state for it"
     if effect.found_by == "quality":
         return "it is a matter of single pictures: the filter's gate refuses them"
-    if (effect.force or effect.friction) and "t" in effect.depends_on:
+    if (effect.force or effect.friction or effect.torque) and "t" in effect.depends_on:
         return "it follows the time of the recording in which it was found"
     return ""
 
