@@ -385,7 +385,7 @@ def _check(plant: Plant) -> None:
     for name in (*plant.free, *plant.bounds):
         if name not in plant.values:
             raise ValueError(f"{plant.name}: {name} is no parameter")
-    drives = [name for name, slot in plant.slots.items() if slot.kind == "actuator"]
+    drives = [name for name, slot in plant.slots.items() if getattr(slot, "kind", "") == "actuator"]
     if len(drives) > 1:
         raise ValueError(f"{plant.name}: slots {' and '.join(drives)} are actuators; there is one, of the first input")
     if len(plant.modes) > 1:
