@@ -670,8 +670,18 @@ PLAIN: dict[str, tuple[dict[str, Any], dict[str, float], str]] = {
     "many laws": (
         {"probability": 0.5, "status": "weak"},
         {"hoop.stribeck_friction": 0.05},
-        "Something is probably missing at the hoop; that it is hoop.coulomb_friction is 50 % likely, the other 50 % "
+        "Something is certainly missing at the hoop; that it is hoop.coulomb_friction is 50 % likely, the other 50 % "
         "are shared among other laws that do much the same.",
+    ),
+    "weak, and little of it": (
+        {
+            "probability": 0.97,
+            "status": "weak",
+            "evidence": Evidence(log_likelihood_gain=52.0, threshold=31.0, heldout_gain_percent=0.0),
+        },
+        {},
+        "Something is probably missing at the hoop; which law it follows is known, too: hoop.coulomb_friction, 97 % "
+        "likely.",
     ),
     "sure of both": (
         {"probability": 0.97},

@@ -13,6 +13,8 @@ from hoopd.plots.number_format import chance, listed, safe
 
 # Nats beyond what is needed, from which on a doubt is one in 20 000, and one in 20.
 CERTAIN_NATS, LIKELY_NATS = 10.0, 3.0
+# What is weak as a law is there all the same where it explains so many times what is needed.
+STRONG = 2.0
 # A law that is likelier than this is as good as told.
 TOLD = 0.95
 RIVALS = 2
@@ -53,7 +55,9 @@ def _sentence(effect: EffectFinding, diagnosis: Diagnosis, again: bool) -> str:
 def _sure(effect: EffectFinding) -> str:
     """How sure it is that something is there, whatever it is called."""
     gain, needed = effect.evidence.log_likelihood_gain, effect.evidence.threshold
-    if effect.status not in (None, "confirmed") or gain is None or needed is None:
+    if gain is None or needed is None or effect.status == "not_confirmed":
+        return "probably"
+    if effect.status not in (None, "confirmed") and gain < STRONG * needed:
         return "probably"
     beyond = gain - needed
     return "certainly" if beyond >= CERTAIN_NATS else "almost certainly" if beyond >= LIKELY_NATS else "probably"

@@ -325,7 +325,9 @@ def _of_reading(plant: Plant, site: ActingPlace, q: str) -> Iterator[Mechanism]:
     yield Mechanism(site, place, BENTS[place.turning])
     if place.unit == "rad" and plant.slots[site.slot].device != ENCODER:  # what counts lines has no image
         yield Mechanism(site, place, LENS)
-    for axis, names in ((place, ("linear", "magnitude")), (CLOCK, ("linear", "wave"))):
+    # an image that is read line by line is the older the farther down: of a circle by a square, or a wave of the angle
+    lines = ("wave",) if place.turning else ("linear", "magnitude", "square")
+    for axis, names in ((place, lines), (CLOCK, ("linear", "wave"))):
         yield from (Mechanism(site, axis, shape, factor=speed) for shape in shapes_of(axis) if shape.name in names)
     yield Mechanism(site, CLOCK, BEAT, factor=speed)
     if plant.inputs and plant.inputs[0].coordinate == q:
