@@ -42,7 +42,7 @@ from hoopd.diagnose.proof.hypotheses import heldout_fits
 from hoopd.diagnose.proof.large_disturbance import LargeDisturbance, large_disturbance
 from hoopd.diagnose.proof.late_sensors import late_sentences
 from hoopd.diagnose.proof.next_experiment import next_experiment
-from hoopd.diagnose.proof.not_excluded import parameter_notes, separations
+from hoopd.diagnose.proof.not_excluded import one_body_notes, parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.probabilities import beside_faults
@@ -238,7 +238,7 @@ def _diagnosed(case: Case) -> Outcome:
         refused=refused,
         remains=remains_of(stand),
         power=visible(named, case.library, threshold),
-        notes=parameter_notes(case.library) if verdict == "parameters" else [],
+        notes=parameter_notes(case.library) if verdict == "parameters" else one_body_notes(effects),
     )
     diagnosis = diagnosis if large is None else large.told_in(diagnosis)
     return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress, large)

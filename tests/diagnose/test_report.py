@@ -19,6 +19,7 @@ from diagnose import examples
 from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, coulomb, renamed, unknown
 from rich.console import Console
 
+from hoopd.diagnose.proof.not_excluded import one_body_notes
 from hoopd.diagnose.record import (
     Candidate,
     DataQuality,
@@ -861,3 +862,15 @@ def test_a_file_gets_names_on_one_line_and_a_terminal_its_own_width(monkeypatch:
     assert report_console().width == WIDTH
     monkeypatch.setenv("COLUMNS", "77")
     assert report_console().width == 77
+
+
+def test_two_findings_that_swing_at_one_frequency_may_be_one_body() -> None:
+    def swinging(name: str, w: float, half: float) -> EffectFinding:
+        parameters = {"w": Quantity(value=w, unit="rad/s", ci95=(w - half, w + half), nominal=None)}
+        return msgspec.structs.replace(coulomb()[0].effects[0], name=name, parameters=parameters)
+
+    ball, hoop = swinging("ball.swing_of_dpsi", 26.2, 0.3), swinging("hoop.swing_of_dtheta", 26.3, 0.3)
+    (note,) = one_body_notes([ball, hoop])
+    assert note.startswith("ball.swing_of_dpsi and hoop.swing_of_dtheta swing at one and the same frequency (26.20")
+    assert one_body_notes([ball, swinging("hoop.swing_of_dtheta", 31.0, 0.3)]) == []
+    assert one_body_notes([ball, swinging("ball.other", 26.2, 0.3)]) == [] == one_body_notes([ball])

@@ -15,11 +15,12 @@ from itertools import combinations
 from math import hypot
 
 from hoopd.diagnose.proof.separation import nats_apart, rows_beside, without_effect
-from hoopd.diagnose.record import Alternative
+from hoopd.diagnose.record import Alternative, EffectFinding, Quantity
 from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plots.number_format import value_text
 
 # A rival that a screen saw at less than this share of the effect's own gain is not parallel to it.
 PARALLEL_SHARE = 0.5
@@ -58,6 +59,26 @@ def parameter_notes(library: Mapping[str, Effect]) -> list[str]:
     """What is to be said when other parameters are enough: effects that do the same, never told from these."""
     names = [name for name, effect in library.items() if effect.found_by == "base"]
     return [f"{name} does the same as other parameters: these recordings do not tell which it is" for name in names]
+
+
+def one_body_notes(effects: Sequence[EffectFinding]) -> list[str]:
+    """Findings at different places that swing at one frequency: what swings may be one body, or the frame."""
+    swings = {one.name: one.parameters["w"] for one in effects if "w" in one.parameters}
+    return [
+        f"{one} and {other} swing at one and the same frequency ({value_text(found)}): it may be one "
+        "body, or the frame, that moves both"
+        for (one, found), (other, beside) in combinations(swings.items(), 2)
+        if one.partition(".")[0] != other.partition(".")[0] and _overlap(found, beside)
+    ]
+
+
+def _overlap(one: Quantity, other: Quantity) -> bool:
+    """Whether two intervals have a value in common."""
+    ends = [end for each in (one, other) for end in each.ci95 or () if end is not None]
+    if len(ends) < 4:
+        return False
+    low, high, least, most = ends
+    return max(low, least) <= min(high, most)
 
 
 def _separation(named: Named, one: Tried, library: Mapping[str, Effect]) -> Separation:
