@@ -135,6 +135,13 @@ def test_a_name_without_a_worse_simulation_is_refuted_by_the_likelihood_that_hel
     assert denial(with_it, replace(with_it, fit=off), 50.0) is None
 
 
+def test_what_is_certain_of_the_training_data_stays_a_finding_though_held_out_data_refuse_its_law() -> None:
+    """A drive's gain that is as before in the held-out recording: something happened, and the law does not hold."""
+    undone = Denial({}, nats=-15.9, is_refuted=True)
+    assert undone.leaves_evidence(149.0, 19.0) and not undone.leaves_evidence(75.0, 19.0)
+    assert not Denial({}, nats=-100.0, is_refuted=True).leaves_evidence(149.0, 19.0)
+
+
 def test_strong_evidence_stays_a_finding_whatever_a_simulation_makes_of_it() -> None:
     """Something is there; the name is not confirmed, and in no model."""
     worse = Denial({"psi": 0.7}, nats=0.5)

@@ -22,7 +22,7 @@ from hoopd.diagnose.proof.confirmation import confirmation
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
-from hoopd.diagnose.proof.unknown_proof import asked_for, proven
+from hoopd.diagnose.proof.unknown_proof import asked_for, missing_instead, proven
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
@@ -271,3 +271,18 @@ def test_the_place_is_that_of_what_has_no_name_when_it_carries_most(magnetic: Su
 def test_half_the_step_changes_little_and_a_long_step_is_told(magnetic: Survey) -> None:
     assert step_nats(magnetic.fit) < 0.1
     assert "0.1 nats" in step_sentence(0.1) and "may be the solver's" in step_sentence(2.0)
+
+
+def test_a_curve_is_asked_for_where_held_out_data_have_refused_all_names(
+    rubbed: tuple[Survey, HypothesisFit],
+) -> None:
+    """Its own name could be it, and stays untold; what the held-out data gain by the curve is proof enough."""
+    base, friction = rubbed[0].fit, LIBRARY["hoop.coulomb_friction"]
+    named = Named(base, base, base)
+    again = HeldOut([stretch_with(PLANT, "held", 23, 10.0, [friction], {"hoop.coulomb_friction.Fc": 2.5e-3})])
+    told = missing_instead(named, again, RIVALS, ["camera.latency"], 0)
+    assert told is not None and told.unknown is not None and told.unknown.name == "unknown.hoop"
+    assert "hoop.coulomb_friction could be it" in told.unknown.reason
+    nothing = HeldOut([stretch_with(PLANT, "held", 24, 10.0)])
+    assert missing_instead(named, nothing, RIVALS, ["camera.latency"], 0) is None
+    assert missing_instead(named, HeldOut([]), RIVALS, ["camera.latency"], 0) is None
