@@ -222,9 +222,17 @@ def _taken_out(loss: float, with_it: Mapping[str, float], without: Mapping[str, 
     return gain, Ablation(log_likelihood_loss=loss, heldout_with={**with_it}, heldout_without={**without})
 
 
+# Of a counted fault: of what it is a share, and what those are.
+FAULTS = {
+    "late_frames": ("samples", "repeats the picture before"),
+    "outliers": ("samples", "is a false detection"),
+    "lost_commands": ("demands", "is not heard, and the one before stays for a sample more"),
+}
+
+
 def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
-    words = {"late_frames": "repeats the picture before", "outliers": "is a false detection"}
     slot, _, kind = fault.name.partition(".")
+    each, happens = FAULTS[kind]
     known = likely([Option(fault.name, fault.surprise, True), Option(PARAMETERS, threshold)])
     status = status_of(fault.surprise, threshold)
     return EffectFinding(
@@ -233,8 +241,8 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
         parameters={"share": Quantity(value=fault.share, unit="-", ci95=fault.ci95, nominal=0.0)},
         evidence=Evidence(log_likelihood_gain=fault.gain, threshold=fault.needed, heldout_gain_percent=None),
         not_excluded=[],
-        statement=f"a share of the {slot}'s samples {words[kind]}",
-        formula=f"a share of the samples {words[kind]}",
+        statement=f"a share of the {slot}'s {each} {happens}",
+        formula=f"a share of the {each} {happens}",
         probability=known.named,
         status=status,
         in_model=status != "weak",

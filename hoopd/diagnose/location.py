@@ -48,7 +48,7 @@ def location_of(
         return _at(unknown.curve.slot, unknown.curve.depends_on, unknown.score.vector, base, evidence)
     effect = next((one.effect for one in named.accepted if one.effect.name == first.name), None)
     if effect is None:
-        # a fault of the camera, counted before any model: it is there all the time
+        # a counted fault, before any model: it is there all the time
         return Location(
             slot=first.slot, channel=_seen_by(first.slot, named), segments=None, depends_on=[], evidence=evidence
         )  # fmt: skip
@@ -58,9 +58,10 @@ def location_of(
 
 
 def _seen_by(slot: str, named: Named) -> str:
-    """The channel of a sensor."""
-    slots = [one.stretch.plant.slots for one in named.base.tracks]
-    return next(one[slot].channels[0] for one in slots if slot in one)
+    """The channel of a sensor; of a drive, the one that reads what it moves."""
+    plant = next(t.stretch.plant for t in named.base.tracks if slot in t.stretch.plant.slots)
+    own = plant.slots[slot].channels or [name for name in plant.channels if plant.state_of(name) == plant.driven]
+    return next(iter(own or plant.channels))
 
 
 def _at(

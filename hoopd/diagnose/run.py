@@ -12,7 +12,7 @@ from functools import cached_property
 import msgspec
 import numpy as np
 
-from hoopd.diagnose.camera_faults import camera_faults
+from hoopd.diagnose.camera_faults import CameraFault, camera_faults
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.findings import (
     base_of,
@@ -68,10 +68,12 @@ from hoopd.diagnose.report_curves import Shown
 from hoopd.diagnose.search.bounded_disturbance import likeliest, unexplained_sentences
 from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_again, start_ups, without_events
+from hoopd.diagnose.search.lost_commands import as_heard
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, leave_out_worthless, name_effects
 from hoopd.diagnose.search.processes import side_by_side
 from hoopd.diagnose.search.simpler_names import tell_simply
+from hoopd.diagnose.search.surprise import THRESHOLD
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
@@ -195,7 +197,7 @@ def _diagnosed(case: Case) -> Outcome:
     )
     case.progress("what else could explain it")
     threshold, apart = case.settings.threshold, separations(named, library)
-    faults = camera_faults([one.quality for one in case.train], threshold)
+    faults = [*camera_faults([one.quality for one in case.train], threshold), *_unheard(data, threshold)]
     known = {name: library[name] for name in case.library}
     stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds))
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
@@ -226,6 +228,7 @@ def _diagnosed(case: Case) -> Outcome:
                 *doubts,
                 *data.notes,
                 *data_held.notes,
+                *(f"not heard by the drive: {one.unheard.sentence}" for one in (data, data_held) if one.unheard.count),
                 step_sentence(step_nats(named.final)),
                 *late_sentences(named, case.library, case.settings.threshold),
                 *filter(None, [growth_sentence([one.plant for one in data.kept]), together_sentence(named.final)]),
@@ -290,8 +293,10 @@ def training(
         return likeliest(fit(stretches, case.effects, case.values))
 
     base = likeliest(fit(train, case.effects, case.values, like=nominal, noise=nominal.noise), nominal)
-    data, base = without_events(train, refit, base)
-    if data.ignored:
+    heard, base, lost = as_heard(train, base, refit, case.settings.threshold)
+    data, base = without_events(heard, refit, base)
+    data = replace(data, unheard=lost)
+    if data.ignored or lost.count:
         nominal = fit(data.kept, case.effects, case.values, move=False)
     return data, nominal, base
 
@@ -309,13 +314,23 @@ def _started(case: Case, named: Named, data: CountedData, held: CountedData) -> 
     return name_effects(data.kept, case.library, nominal, base, case.settings), data, held
 
 
+def _unheard(data: CountedData, threshold: float) -> list[CameraFault]:
+    """Commands that the drive did not hear, as a counted fault."""
+    drives = (name for one in data.whole for name, slot in one.plant.slots.items() if slot.kind == "actuator")
+    found = data.unheard.fault(f"{next(drives, 'actuator')}.lost_commands", threshold)
+    return [] if found is None else [found]
+
+
 def proving(held: list[Stretch], base: HypothesisFit) -> CountedData:
     """What counts of the held-out data."""
 
     def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
         return fit(stretches, base.effects, base.values, free=free_of_recordings(base.effects, stretches))
 
-    return without_events(held, refit)[0] if held else CountedData([], [])
+    if not held:
+        return CountedData([], [])
+    heard, found, lost = as_heard(held, refit(held), refit, THRESHOLD)
+    return replace(without_events(heard, refit, found)[0], unheard=lost)
 
 
 def _choice(case: Case, named: Named, data: CountedData, held: CountedData) -> FreeRunChoice | None:

@@ -16,6 +16,7 @@ from hoopd.diagnose.quality.left_modes import left_modes
 from hoopd.diagnose.quality.unusual_intervals import Interval, UnusualSignal
 from hoopd.diagnose.search.bounded_disturbance import likeliest
 from hoopd.diagnose.search.candidates import free_of_recordings, surprise_of
+from hoopd.diagnose.search.lost_commands import LostCommands
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
@@ -35,6 +36,7 @@ class CountedData:
     aside: Sequence[Interval] = field(default_factory=tuple)
     removed: Sequence[Interval] = field(default_factory=tuple)  # start-ups, modes that end: in none of them any more
     notes: Sequence[str] = field(default_factory=tuple)  # what could not be removed
+    unheard: LostCommands = field(default_factory=LostCommands)  # the inputs are as the drive had them
 
     @property
     def ignored(self) -> list[Interval]:

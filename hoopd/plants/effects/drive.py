@@ -56,6 +56,7 @@ def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:
         _saturation(plant, name),
         _lag(plant, name),
         _delay(plant, name),
+        *((_lost_commands(name),) if plant.driven is not None else ()),
     )
     angle = (_cogging(plant, name, slot.coordinate), _ripple(name, slot.coordinate))
     brakes = plant.limit < inf and slot.coordinate in plant.coordinates
@@ -63,6 +64,21 @@ def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:
         *every,
         *(angle if turns(plant, slot.coordinate) else ()),
         *((_back_emf(plant, name, slot.coordinate, speed_scale(slot)),) if brakes else ()),
+    )
+
+
+def _lost_commands(slot: str) -> Effect:
+    return Effect(
+        f"{slot}.lost_commands",
+        (EffectParameter("share", "-", 0.0, 0.0, 1.0, grid=(0.02,)),),
+        found_by="quality",
+        depends_on=("u",),
+        formula="a share of the demands is not heard, and the one before stays",
+        statement="a share of the demands is not heard, and the one before stays for a sample more",
+        signature="single impulses where the demand changes, as large as the change",
+        sign="0 <= share <= 1",
+        best_experiment="a two-level demand that changes often",
+        write_back="nothing to write back: mend the line between the demand and the drive",
     )
 
 

@@ -1,0 +1,159 @@
+"""Commands that a drive never heard: what was demanded before acted for a sample more.
+
+Every change of the first input is asked for by itself. Had it not been heard, the input would have been another one
+over a single sample; what the log-likelihood gains by that is one inner product with the fit's adjoint, and what it may
+gain at most follows from the same pass over white rows. A mixture over all changes says whether a share of them was
+lost: those are as the drive had them from then on, everything is fitted again, and the rest is looked at once more.
+
+A drive that is late, or weak, shows at every change and is none of that: a share is small, and what is lost is lost
+wholly.
+
+Rules of this file: inputs that act on a coordinate; fits are asked for, none is made here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from hoopd.diagnose.camera_faults import CameraFault
+from hoopd.diagnose.search.adjoint import Adjoint
+from hoopd.diagnose.search.screen import Screen
+from hoopd.diagnose.search.surprise import needed_gain, surprise
+from hoopd.ident.normal import Z95
+from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.stretches import Stretch
+
+Array = NDArray[np.float64]
+Refit = Callable[[Sequence[Stretch]], HypothesisFit]
+
+# Shares that are tried; with a larger one a drive is late.
+SHARES = np.geomspace(1e-4, 0.2, 60)
+# One or two may be anything that took so long: they are left to what looks for pushes. Nothing else that is left out is
+# known yet: what it brings has to be beyond the threshold by so much.
+FEWEST, BEYOND = 3, 3.0
+MOST_ROUNDS = 4
+# Of a sample time, what is surely not over within one.
+WITHIN = 0.5
+# What a unit of force shows is much the same at neighbouring changes; over so many white rows tell it.
+ALIKE = 15
+# Moments that a sentence names.
+TOLD = 5
+
+
+@dataclass(frozen=True)
+class LostCommands:
+    """Over all recordings."""
+
+    moments: Mapping[str, Sequence[float]] = field(default_factory=dict)  # by recording, s: starts of the samples
+    changes: int = 0  # of the input, all recordings together
+    gain: float = 0.0  # nats, what it costs to say which they are taken off
+
+    @property
+    def count(self) -> int:
+        """Of those that were lost."""
+        return sum(map(len, self.moments.values()))
+
+    def fault(self, name: str, threshold: float) -> CameraFault | None:
+        """As a counted fault; None where it is none."""
+        told = surprise(self.gain, 1)
+        if not self.count or told <= threshold:
+            return None
+        share = self.count / self.changes
+        half = Z95 * sqrt(share * (1.0 - share) / self.changes)
+        ends = max(share - half, 0.0), min(share + half, 1.0)
+        return CameraFault(name, share, ends, self.gain, told, needed_gain(threshold, 1))
+
+    @property
+    def sentence(self) -> str:
+        """How many, and when the first ones were."""
+        each = [f"{t:.4g} s of {name}" for name, times in self.moments.items() for t in times]
+        more = f" and {len(each) - TOLD} more" if len(each) > TOLD else ""
+        return f"{self.count} of {self.changes} changes of the input, at {', '.join(each[:TOLD])}{more}"
+
+
+def as_heard(
+    stretches: Sequence[Stretch], first: HypothesisFit, refit: Refit, threshold: float
+) -> tuple[list[Stretch], HypothesisFit, LostCommands]:
+    """Stretches with the inputs as the drive had them, their fit, and what was lost."""
+    current, found, moments = list(stretches), first, dict[str, list[float]]()
+    total = sum(len(_changes(one)) for one in stretches)
+    for _ in range(MOST_ROUNDS):
+        lost = _lost(found, threshold)
+        if not lost:
+            break
+        current = [_without(one, lost.get(one.recording, [])) for one in current]
+        found = refit(current)
+        for name, times in lost.items():
+            moments[name] = sorted([*moments.get(name, []), *times])
+    count = sum(map(len, moments.values()))
+    gain = first.criterion - found.criterion - _cost(count, total)
+    if count < FEWEST or gain <= BEYOND * threshold:
+        return list(stretches), first, LostCommands()
+    return current, found, LostCommands(moments, total, gain)
+
+
+def _cost(count: int, total: int) -> float:
+    """Nats, to say which of all changes were lost."""
+    if not 0 < count < total:
+        return 0.0
+    share = count / total
+    return -count * log(share) - (total - count) * log(1.0 - share)
+
+
+def _lost(found: HypothesisFit, threshold: float) -> dict[str, list[float]]:
+    """Starts of samples whose command was not heard, by recording; none where chance may be it."""
+    adjoint = Adjoint(Screen(found, []))
+    gains: list[Array] = []
+    places: list[tuple[str, Array]] = []
+    for track, slopes in zip(found.tracks, adjoint.by_force, strict=True):
+        stretch = track.stretch
+        changes = _changes(stretch)
+        if not len(changes) or stretch.plant.driven is None:
+            continue
+        own = slopes[:, stretch.plant.disturbed.index(stretch.plant.driven)]
+        over = np.array([own[k : _end(stretch, int(k))].sum(axis=0) for k in changes])
+        size = stretch.u[changes - 1] - stretch.u[changes]
+        shown = uniform_filter1d(np.mean(over[:, 1:] ** 2, axis=1), min(ALIKE, len(changes)), mode="nearest")
+        gains.append(size * over[:, 0] - size**2 * shown / 2.0)
+        places.append((stretch.recording, stretch.t[changes]))
+    if not gains:
+        return {}
+    every = np.concatenate(gains)
+    mixtures = np.array([np.logaddexp(np.log1p(-p), np.log(p) + every).sum() for p in SHARES])
+    best = int(np.argmax(mixtures))
+    if best == len(SHARES) - 1 or surprise(float(mixtures[best]), 1) <= threshold:
+        return {}
+    least = float(np.log1p(-SHARES[best]) - np.log(SHARES[best]))
+    lost: dict[str, list[float]] = {}
+    for (name, t), own in zip(places, gains, strict=True):
+        if (own > least).any():
+            lost.setdefault(name, []).extend(t[own > least].tolist())
+    return lost
+
+
+def _changes(stretch: Stretch) -> NDArray[np.intp]:
+    """Steps that begin with another input than the one before."""
+    return np.flatnonzero(np.diff(stretch.u) != 0.0) + 1
+
+
+def _end(stretch: Stretch, first: int) -> int:
+    """The first step that does not belong to the sample that begins with `first`."""
+    until = stretch.t[first] + WITHIN * stretch.plant.time_scale_s
+    return max(first + 1, int(np.searchsorted(stretch.t[:-1], until)))
+
+
+def _without(stretch: Stretch, moments: Sequence[float]) -> Stretch:
+    """With the input of the sample before where a command was lost."""
+    if not moments:
+        return stretch
+    u, starts = stretch.u.copy(), set(moments)
+    for k in _changes(stretch):
+        if float(stretch.t[k]) in starts:
+            u[k : _end(stretch, int(k))] = u[k - 1]
+    return replace(stretch, u=u)

@@ -1,0 +1,77 @@
+"""Demands that a drive does not hear: which, how many, and what else they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from diagnose.test_step_in_time import MOTOR, B, J
+
+from hoopd.diagnose.search.candidates import Settings
+from hoopd.diagnose.search.lost_commands import LostCommands, as_heard
+from hoopd.plants.effects.library import library
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.stretches import Stretch, stretch_of
+
+PARTS, THRESHOLD = 10, Settings().threshold
+
+
+def recorded(
+    lost: Sequence[int] = (), *, late: int = 0, weak: float = 1.0, seed: int = 1
+) -> tuple[Stretch, np.ndarray]:
+    """Levels of a torque for 15 s; of the changes `lost` are not heard for a sample, all are `late` tenths of one and
+    `weak`; with the starts of the samples that begin with a change, s."""
+    random, n = np.random.default_rng(1), 1501
+    t, h = np.arange(n) * 0.01, 0.01 / PARTS
+    u = np.repeat(random.choice([-0.06, -0.02, 0.02, 0.06], n // 10 + 1), 10)[: n - 1]
+    changes = np.flatnonzero(np.diff(u)) + 1
+    there = u.copy()
+    for k in changes[list(lost)]:
+        there[k] = there[k - 1]
+    th = w = 0.0
+    shown = np.zeros((n, 2))
+    for k in range(n - 1):
+        for part in range(PARTS):
+            torque = weak * there[k - 1 if part < late and k else k]
+            middle = w + h / 2.0 * (torque - B * w) / J
+            th, w = th + h * middle, w + h * (torque - B * middle) / J
+        shown[k + 1] = th, w
+    shown += random.normal(size=shown.shape) * (1e-3, 0.1)
+    rows = np.arange(n)
+    readings = {"th": (rows, shown[:, 0]), "w": (rows, shown[:, 1])}
+    return stretch_of("day1", MOTOR, t, u, readings), t[changes]
+
+
+def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
+    return fit(stretches, (), MOTOR.values)
+
+
+def heard(stretch: Stretch) -> tuple[list[Stretch], HypothesisFit, LostCommands]:
+    return as_heard([stretch], refit([stretch]), refit, THRESHOLD)
+
+
+def test_each_command_that_was_lost_is_found_and_the_rest_is_as_without_them() -> None:
+    lost = [7, 30, 31, 64, 90]
+    made, changes = recorded(lost)
+    (corrected,), found, told = heard(made)
+    assert told.moments == {"day1": changes[lost].tolist()} and told.changes == len(changes)
+    clean, _ = recorded()
+    assert found.values["J"] == pytest.approx(refit([clean]).values["J"], rel=1e-3)
+    same = np.flatnonzero(corrected.u != made.u)
+    assert (corrected.t[same] == changes[lost]).all()
+    fault = told.fault("actuator.lost_commands", THRESHOLD)
+    assert fault is not None and fault.ci95[0] < 5 / len(changes) == fault.share < fault.ci95[1]
+    assert told.sentence.startswith(f"5 of {len(changes)} changes of the input, at ") and "day1" in told.sentence
+    assert "actuator.lost_commands" in library(MOTOR)
+
+
+@pytest.mark.parametrize(
+    ("late", "weak", "lost"), [(0, 1.0, []), (4, 1.0, []), (9, 1.0, []), (0, 0.8, []), (0, 1.0, [40])]
+)
+def test_a_drive_that_is_late_or_weak_hears_everything_and_one_is_left_to_others(
+    late: int, weak: float, lost: list[int]
+) -> None:
+    made, _ = recorded(lost, late=late, weak=weak)
+    (same,), _, told = heard(made)
+    assert same is made and told.count == 0 and told.fault("actuator.lost_commands", THRESHOLD) is None
