@@ -124,16 +124,19 @@ def _next(found: Named, judge: Judge) -> Tried | None:
 
 def _best_of(found: Named, judge: Judge, chosen: Sequence[Score], known: Sequence[Tried] = ()) -> Tried | None:
     """The first that is taken of what was proposed and of what was fitted already."""
-    tried = sorted([*known, *tried_all(judge, found.final, chosen)], key=lambda one: -one.surprise)
+    every = sorted([*known, *tried_all(judge, found.final, chosen)], key=lambda one: -one.surprise)
+    # of a name that was fitted from several starts the best
+    tried = [*{one.effect.name: one for one in reversed(every)}.values()][::-1]
     if not found.accepted:
         found.tried = tried
     return _taken(found, judge, tried)
 
 
 def _given_starts(found: Named, chosen: Sequence[Score], judge: Judge) -> list[Score]:
-    """Proposals from the parameters as given: a base bent by a large effect may hide it from its own screen."""
+    """Proposals from the parameters as given: a base bent by a large effect may hide it from its own screen, or lead a
+    fit of the right name nowhere."""
     about = found.nominal
-    more = _other_starts(chosen, judge.proposals(about, about.names), judge)
+    more = _other_starts([], judge.proposals(about, about.names), judge)
     return more + (_held_starts(about, [*chosen, *more], judge) if far_beyond(about) else [])
 
 
