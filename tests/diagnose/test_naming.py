@@ -95,3 +95,25 @@ def test_an_earlier_name_that_is_worth_nothing_beside_a_later_one_goes(
     naming.reconsider(found, Written({}, monkeypatch), swaps=False)
     assert found.accepted == ([first, second] if stays else [second])
     assert found.final is (final if stays else without)
+
+
+def test_of_a_name_that_was_fitted_from_several_starts_the_best_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a base that a large lag has bent the fit of the lag may stop half way: it is no rival of itself."""
+    half_way, whole, other = tried("lag", 1592.0), tried("lag", 3408.0), tried("delay", 1075.0)
+    monkeypatch.setattr(naming, "tried_all", lambda judge, about, chosen: [half_way, other, whole])
+    monkeypatch.setattr(naming, "_taken", lambda found, judge, every: every[0])
+    found: Any = SimpleNamespace(accepted=[], final=None, tried=[])
+    assert naming._best_of(found, Written({}, monkeypatch), []) is whole
+    assert found.tried == [whole, other]
+
+
+def test_from_the_parameters_as_given_the_same_names_are_fitted_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    score: Any = SimpleNamespace(
+        member=SimpleNamespace(effect=SimpleNamespace(name="lag", contains=(), same_as=())), gain=99.0
+    )
+    monkeypatch.setattr(naming, "surprise_of", lambda score, gain, stretches: gain)
+    monkeypatch.setattr(naming, "far_beyond", lambda about: False)
+    judge = Written({}, monkeypatch)
+    monkeypatch.setattr(judge, "proposals", lambda about, taken: [score])
+    found: Any = SimpleNamespace(nominal=SimpleNamespace(names=()))
+    assert naming._given_starts(found, [score], judge) == [score]

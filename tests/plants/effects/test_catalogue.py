@@ -141,7 +141,10 @@ def test_grids_cover_the_sizes_that_matter(name: str, low: float, high: float) -
 def test_another_plant_gets_what_fits_its_slots() -> None:
     found = library(slide())
     assert list(found) == [
-        *(f"drive.{n}" for n in ("torque_gain", "torque_bias", "deadzone", "saturation", "lag", "delay", "lost_commands")),
+        *(
+            f"drive.{n}"
+            for n in ("torque_gain", "torque_bias", "deadzone", "saturation", "lag", "delay", "lost_commands")
+        ),
         "drive.back_emf_limit",
         *(f"slide.{n}" for n in ("coulomb_friction", "stribeck_friction", "quadratic_drag")),
         "push.disturbance",

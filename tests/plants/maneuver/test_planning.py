@@ -228,3 +228,11 @@ def test_a_throw_that_no_ball_has_is_refused(asked: dict[str, Any], says: str) -
 def test_a_throw_with_too_little_torque_says_which_part() -> None:
     with pytest.raises(InfeasibleError, match=r"no run-up of a throw in .* s: it would exceed torque"):
         plan_trajectory(HOOP, ManeuverQuestion("throw", MotionLimits(0.01, 40.0, 0.5)))
+
+
+def test_no_plan_needs_more_grip_than_the_model_s_contact_has() -> None:
+    """Planned as a ball that rolls, it would stay at the bottom and slip."""
+    with pytest.raises(InfeasibleError, match=r"no loop in .* s: it would exceed grip"):
+        plan_trajectory(with_effect("ball.slip", mu=(0.0167, "-")), ManeuverQuestion("loop", LIMITS))
+    kept = plan_trajectory(with_effect("ball.slip", mu=(0.45, "-")), ManeuverQuestion("loop", LIMITS))
+    assert kept.question.limits.grip == 0.45 and np.max(kept.grip) <= 0.45 + 1e-3

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 
 # More force on the contact, where a sampled model loses the ball, and how often that is tried.
 MORE_CONTACT, TIGHTENINGS = 0.15, 2
+# The contact that slips, by its name in a model.
+SLIP = "ball.slip"
 # Rest at the bottom, as far as a law that holds the ball brings it with dry friction, cogs and a camera's noise.
 START = Tolerances(dtheta_rad_s=1.5, psi_rad=0.08, dpsi_rad_s=0.6)
 # Beyond, the plan is no longer followed: several times what parameters that are a tenth off leave of a ball's way. The
@@ -89,7 +91,9 @@ def plan_trajectory(
         No motion keeps the limits.
     """
     found = effects_of(model)
-    question = replace(question, limits=replace(question.limits, torque_nm=_torque(model, question.limits.torque_nm)))
+    limits = question.limits
+    limits = replace(limits, torque_nm=_torque(model, limits.torque_nm), grip=_grip(model, limits.grip))
+    question = replace(question, limits=limits)
     planning, tracker = PlanningModel(found), PlanTracker(found)
     best = _planned(model, planning, tracker, question, weights)
     for _ in range(TIGHTENINGS):
@@ -101,6 +105,12 @@ def plan_trajectory(
         except (InfeasibleError, ValueError):
             break
     return best
+
+
+def _grip(model: ModelFile, wanted: float) -> float:
+    """No more than the contact is surely known to have: where it slips, no plan is one."""
+    known = [one.parameters["mu"] for one in model.effects if one.name == SLIP and "mu" in one.parameters]
+    return min([wanted, *(one.ci95[0] if one.ci95 is not None else one.value for one in known)])
 
 
 def _torque(model: ModelFile, wanted_nm: float) -> float:
