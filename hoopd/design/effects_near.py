@@ -55,7 +55,7 @@ def _why_not(found: FoundEffects, effect: Effect, turning: bool) -> str:
         "it is another plant": effect.plant is not None,
         "it follows a time of its own": acts and "t" in effect.depends_on,
         "it is an error of the reading, not of the motion": effect.sensor is not None,
-        "it is a matter of single pictures": effect.found_by == "quality",
+        "it is a matter of single samples": effect.found_by == "quality",
         "no small torque gets through it": effect.torque is not None and _slope(found, effect) < NO_SLOPE,
         "its mean over the turns of the hoop is nothing": turning and "theta" in effect.depends_on,
     }

@@ -26,7 +26,7 @@ OF_THE_COMPUTER = frozenset(
 LEAST_SHARE = 0.02
 # The filter's history bears delays up to this; later is a fault of its own.
 MOST_DELAY_S = 0.06
-SENSOR_SLOTS, LENGTH = ("camera", "encoder"), "m"
+SENSOR_SLOTS, LENGTH, LOST = ("camera", "encoder"), "m", "actuator.lost_commands"
 DELAYS: Mapping[str, str] = MappingProxyType(
     {"camera.latency": "d", "encoder.latency": "d", "encoder.speed_lag": "T", "actuator.delay": "d"}
 )
@@ -112,6 +112,8 @@ def _broken(one: EffectFinding) -> str:
         return (
             f"{one.name} of {1e3 * size:.0f} ms is more than {1e3 * MOST_DELAY_S:.0f} ms" if size > MOST_DELAY_S else ""
         )
+    if one.name == LOST:
+        return f"{one.name}: the line to the drive has to be mended"
     return f"{one.name}: a sensor has to be repaired or calibrated" if one.slot in SENSOR_SLOTS else ""
 
 

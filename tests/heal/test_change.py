@@ -57,7 +57,10 @@ def test_a_length_that_seems_to_change_is_a_camera_that_sees_it_wrong(radius: fl
     assert kind != SENSOR or "no length changes while it runs" in judgement.reason
 
 
-@pytest.mark.parametrize("name", ["camera.outliers", "camera.late_frames", "camera.center_offset", "encoder.harmonic"])
+@pytest.mark.parametrize(
+    "name",
+    ["camera.outliers", "camera.late_frames", "camera.center_offset", "encoder.harmonic", "actuator.lost_commands"],
+)
 def test_a_broken_sensor_is_never_learned(name: str) -> None:
     judgement = judged(found(name, {"share": 0.1}, evidence=COUNTED), {}, 40.0)
     assert judgement.kind == SENSOR and not judgement.may_be_learned

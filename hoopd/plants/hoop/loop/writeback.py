@@ -27,7 +27,8 @@ NO_WEIGHT = 1e6
 # Of the torque limit, what feed-forward may add: the law keeps the rest.
 FEEDFORWARD_SHARE = 0.5
 # A limit of the drive is no force: the law is told of it.
-SATURATION = "actuator.saturation"
+ACTUATOR = "actuator"
+SATURATION = f"{ACTUATOR}.saturation"
 # Where the feed-forward finds what a region bounds.
 PLACES = {**{name: index for index, name in enumerate(REGION_NAMES)}, "u": WANTED}
 
@@ -69,6 +70,8 @@ def _reason(effect: Effect) -> str:
     if effect.plant is not None:
         return "the filter has no state for it"
     if effect.found_by == "quality":
+        if effect.slot == ACTUATOR:
+            return "it is a matter of single commands, which nobody knows beforehand"
         return "it is a matter of single pictures: the filter's gate refuses them"
     if (effect.force or effect.friction or effect.torque) and "t" in effect.depends_on:
         return "it follows the time of the recording in which it was found"
