@@ -309,4 +309,7 @@ def words_of_remains(diagnosis: Diagnosis) -> str:
         return "record the same once more, and again at other speeds (a law comes back, chance does not)"
     rest = diagnosis.unexplained
     follows = [rest.curve.regressor] if rest is not None and rest.curve is not None else diagnosis.location.depends_on
-    return f"record {listed(follows)} over all that it can be" if follows else ""
+    if [*follows] == ["t"]:
+        return "record the same once more (a law of the time comes back, what happened once does not)"
+    values = [name for name in follows if name != "t"]
+    return f"record {listed(values)} over all that it can be" if values else ""
