@@ -874,3 +874,17 @@ def test_two_findings_that_swing_at_one_frequency_may_be_one_body() -> None:
     assert note.startswith("ball.swing_of_dpsi and hoop.swing_of_dtheta swing at one and the same frequency (26.20")
     assert one_body_notes([ball, swinging("hoop.swing_of_dtheta", 31.0, 0.3)]) == []
     assert one_body_notes([ball, swinging("ball.other", 26.2, 0.3)]) == [] == one_body_notes([ball])
+
+
+@pytest.mark.parametrize(
+    ("follows", "said"),
+    [
+        (["u", "t"], "record u over all that it can be"),
+        (["t"], "record the same once more (a law of the time comes back, what happened once does not)"),
+        ([], ""),
+    ],
+)
+def test_nobody_records_all_values_of_the_time(follows: list[str], said: str) -> None:
+    diagnosis = coulomb()[0]
+    place = msgspec.structs.replace(diagnosis.location, depends_on=follows)
+    assert headline.words_of_remains(msgspec.structs.replace(diagnosis, location=place, unexplained=None)) == said
