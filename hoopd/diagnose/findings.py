@@ -111,7 +111,7 @@ def _possible(found: tuple[float, float] | None, p: EffectParameter) -> tuple[fl
     """The part of an interval in which a parameter can be; None where it is all the way round."""
     if found is None or (p.role == "phase" and found[1] - found[0] >= 2.0 * pi):
         return None
-    return (max(found[0], 0.0), found[1]) if p.low >= 0.0 else found
+    return (max(found[0], 0.0) if p.low >= 0.0 else found[0], min(found[1], p.most))
 
 
 def effects_of(
@@ -178,7 +178,13 @@ def _when(effect: Effect, found: HypothesisFit) -> str:
     """From when on it is as it is, where it began once in one of the recordings; and what is over at once."""
     recordings = dict.fromkeys(track.stretch.recording for track in found.tracks)
     if _is_over_at_once(effect, found):
-        return ", for less than two samples: a command that was lost or came late, sooner than a hand"
+        driven = any(
+            slot.coordinate == track.stretch.plant.driven
+            for track in found.tracks
+            if (slot := track.stretch.plant.slots.get(effect.slot)) is not None
+        )
+        why = ": a command that was lost or came late, sooner than a hand" if driven else ""
+        return f", for less than two samples{why}"
     began = [name for name in recordings if found.values.get(f"{effect.key(BEGAN)}@{name}") == 0.0]
     if not began:
         return ""

@@ -157,7 +157,7 @@ def _diagnosed(case: Case) -> Outcome:
     case.progress("base parameters")
     nominal = fit(train, case.effects, case.values, move=False)
     data, nominal, base = training(case, train, nominal)
-    data_held = proving(held, base)
+    data_held = proving(held, base, case.settings.threshold)
     named = name_effects(data.kept, case.library, nominal, base, case.settings)
     named, data, data_held = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
@@ -310,18 +310,19 @@ def _started(case: Case, named: Named, data: CountedData, held: CountedData) -> 
     data = data.begun_later(early)
     base = likeliest(fit(data.kept, case.effects, case.values))
     nominal = fit(data.kept, case.effects, case.values, move=False)
-    held = proving(list(held.whole), base)
+    # the inputs of these are as the drive had them already
+    held = replace(proving(list(held.whole), base, case.settings.threshold), unheard=held.unheard)
     return name_effects(data.kept, case.library, nominal, base, case.settings), data, held
 
 
 def _unheard(data: CountedData, threshold: float) -> list[CameraFault]:
     """Commands that the drive did not hear, as a counted fault."""
-    drives = (name for one in data.whole for name, slot in one.plant.slots.items() if slot.kind == "actuator")
-    found = data.unheard.fault(f"{next(drives, 'actuator')}.lost_commands", threshold)
+    drives = [name for one in data.whole for name, slot in one.plant.slots.items() if slot.kind == "actuator"]
+    found = data.unheard.fault(f"{drives[0]}.lost_commands", threshold) if drives else None
     return [] if found is None else [found]
 
 
-def proving(held: list[Stretch], base: HypothesisFit) -> CountedData:
+def proving(held: list[Stretch], base: HypothesisFit, threshold: float = THRESHOLD) -> CountedData:
     """What counts of the held-out data."""
 
     def refit(stretches: Sequence[Stretch]) -> HypothesisFit:
@@ -329,7 +330,7 @@ def proving(held: list[Stretch], base: HypothesisFit) -> CountedData:
 
     if not held:
         return CountedData([], [])
-    heard, found, lost = as_heard(held, refit(held), refit, THRESHOLD)
+    heard, found, lost = as_heard(held, refit(held), refit, threshold)
     return replace(without_events(heard, refit, found)[0], unheard=lost)
 
 
@@ -338,7 +339,8 @@ def _choice(case: Case, named: Named, data: CountedData, held: CountedData) -> F
     if not case.choose_free_run:
         return None
     case.progress("effects by the free run")
-    whole = () if data.ignored or held.ignored else stretches_of(case.whole)
+    changed = data.ignored or held.ignored or data.unheard.count or held.unheard.count
+    whole = () if changed else stretches_of(case.whole)
     return free_choice(named.final, held.kept, case.library, case.seed, whole)
 
 

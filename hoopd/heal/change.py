@@ -1,8 +1,9 @@
 """What a diagnosis of the newest minutes says of a loop that runs: another parameter, another physics, a broken sensor.
 
 A sensor that is broken is never learned. Broken is what a row of the fault table names, a share of false or late
-pictures, a length that seems to have changed, and whatever a diagnosis finds at a sensor's slot but a delay of up to
-60 ms: a filter can be told how late a sample is, and it can not be told the truth that a sensor no longer sees.
+pictures, a length that seems to have changed, commands that the drive does not hear, and whatever a diagnosis finds at
+a sensor's slot but a delay of up to 60 ms: a filter can be told how late a sample is, and it can not be told the truth
+that a sensor no longer sees.
 
 Rules of this file: a diagnosis and seconds of faults in, one judgement out; pure.
 """

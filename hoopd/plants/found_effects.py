@@ -133,7 +133,8 @@ def checked(plant: Plant, name: str, parameters: Mapping[str, float]) -> dict[st
 
 def _needed(parameter: EffectParameter) -> bool:
     """Without an amplitude or a scale an entry says nothing; phases and switches have a natural zero."""
-    return parameter.role != "phase" and not (parameter.discrete and parameter.neutral == 0.0)
+    is_natural = parameter.discrete and (parameter.neutral == 0.0 or parameter.per_recording)
+    return parameter.role != "phase" and not is_natural
 
 
 def _check(effect: Effect, key: str, value: float, *, sized: bool) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnose.test_step_in_time import MOTOR, B, J
 
 from hoopd.diagnose.search.candidates import Settings
-from hoopd.diagnose.search.lost_commands import LostCommands, as_heard
+from hoopd.diagnose.search.lost_commands import LostCommands, _without, as_heard
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
@@ -51,9 +52,13 @@ def heard(stretch: Stretch) -> tuple[list[Stretch], HypothesisFit, LostCommands]
     return as_heard([stretch], refit([stretch]), refit, THRESHOLD)
 
 
-def test_each_command_that_was_lost_is_found_and_the_rest_is_as_without_them() -> None:
+@pytest.mark.parametrize("is_said", [True, False])
+def test_each_command_that_was_lost_is_found_and_the_rest_is_as_without_them(is_said: bool) -> None:
     lost = [7, 30, 31, 64, 90]
     made, changes = recorded(lost)
+    if not is_said:
+        # as a plant file has it that does not say how often it is sampled
+        made = replace(made, plant=replace(MOTOR, time_scale_s=0.02))
     (corrected,), found, told = heard(made)
     assert told.moments == {"day1": changes[lost].tolist()} and told.changes == len(changes)
     clean, _ = recorded()
@@ -75,3 +80,13 @@ def test_a_drive_that_is_late_or_weak_hears_everything_and_one_is_left_to_others
     made, _ = recorded(lost, late=late, weak=weak)
     (same,), _, told = heard(made)
     assert same is made and told.count == 0 and told.fault("actuator.lost_commands", THRESHOLD) is None
+
+
+def test_commands_lost_one_after_the_other_leave_what_was_before_all_of_them() -> None:
+    """The demand changes at every sample, so that the second one is not what the first one was to be."""
+    made, _ = recorded()
+    u = made.u.copy()
+    u[500:504] = 0.06, -0.06, 0.02, -0.02
+    given = replace(made, u=u)
+    corrected = _without(given, {float(made.t[501]), float(made.t[502])})
+    assert corrected.u[499:505].tolist() == [u[499], 0.06, 0.06, 0.06, -0.02, u[504]]

@@ -99,7 +99,7 @@ def test_an_earlier_name_that_is_worth_nothing_beside_a_later_one_goes(
 
 def test_of_a_name_that_was_fitted_from_several_starts_the_best_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """From a base that a large lag has bent the fit of the lag may stop half way: it is no rival of itself."""
-    half_way, whole, other = tried("lag", 1592.0), tried("lag", 3408.0), tried("delay", 1075.0)
+    half_way, whole, other = tried("lag", 1592.0), tried("lag", 3408.0), tried("delay", 2000.0)
     monkeypatch.setattr(naming, "tried_all", lambda judge, about, chosen: [half_way, other, whole])
     monkeypatch.setattr(naming, "_taken", lambda found, judge, every: every[0])
     found: Any = SimpleNamespace(accepted=[], final=None, tried=[])

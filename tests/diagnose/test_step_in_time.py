@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hoopd.diagnose.findings import _when, parameters_of
 from hoopd.diagnose.search.candidates import Judge, Settings
+from hoopd.diagnose.search.mechanism_screen import MechanismScreen
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import name_effects
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
+from hoopd.plants.effects.grammar.shapes import STEPS
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
@@ -102,3 +106,17 @@ def test_what_began_between_two_recordings_is_in_the_second_one() -> None:
 
 def test_where_nothing_changes_no_moment_is_found() -> None:
     assert named([recorded(f"day{seed}", seed, changes_s=99.0) for seed in (1, 2)]).names == ()
+
+
+def test_what_changes_is_asked_of_the_recordings_that_have_its_place() -> None:
+    """Beside a recording of a plant without that slot."""
+    bare = replace(MOTOR, slots={name: slot for name, slot in MOTOR.slots.items() if slot.kind != "body"})
+    train = [
+        replace(recorded("day1", 1, changes_s=99.0), plant=bare),
+        recorded("day2", 2, changes_s=9.1, friction=1.15),
+    ]
+    base = fit(train, (), MOTOR.values)
+    wanted = [one for one in mechanisms(MOTOR).values() if one.shape in STEPS and one.effect.slot == "body"]
+    screen = MechanismScreen(base, wanted, level=False)
+    assert {one.mechanism.name for one in screen.proposals} >= {"body.change_of_t_on_dth"}
+    assert not any("step_of_t" in one.mechanism.name for one in screen.proposals)

@@ -63,7 +63,8 @@ def parameter_notes(library: Mapping[str, Effect]) -> list[str]:
 
 def one_body_notes(effects: Sequence[EffectFinding]) -> list[str]:
     """Findings at different places that swing at one frequency: what swings may be one body, or the frame."""
-    swings = {one.name: one.parameters["w"] for one in effects if "w" in one.parameters}
+    every = {one.name: one.parameters.get("w") for one in effects}
+    swings = {name: w for name, w in every.items() if w is not None and w.unit == "rad/s"}
     return [
         f"{one} and {other} swing at one and the same frequency ({value_text(found)}): it may be one "
         "body, or the frame, that moves both"

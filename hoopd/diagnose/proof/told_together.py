@@ -61,10 +61,11 @@ def together_sentence(found: HypothesisFit) -> str:
         return ""
     told = f"these recordings tell {listed(together.names)} only together, each by what the others are"
     base = [name for name in together.names if name in found.tracks[0].stretch.plant.free]
-    if not base:
+    if len(base) < together.ways:
         return f"{told}."
     some = {1: "one", 2: "two"}.get(together.ways, str(together.ways))
     of_them = "of them" if len(base) == len(together.names) else f"of {listed(base)}"
     what = "that is known" if together.ways == 1 else "that are known"
-    held = f"hold {some} {of_them} {what} (held: true in a plant file)"
-    return f"{told}: {held}, and the others have intervals of their own."
+    held = listed(base) if len(base) == together.ways else f"{some} {of_them} {what}"
+    rest = ", and the others have intervals of their own" if len(together.names) > together.ways else ""
+    return f"{told}: hold {held} (held: true in a plant file){rest}."

@@ -287,12 +287,17 @@ def _uneven(place: JudgedSamples) -> list[str]:
     return [f"{place.name} scatters with its speed, as if taken {1e3 * place.jitter_s:.2g} ms too early or too late"]
 
 
+# Jumps that a note names.
+MOST_TOLD = 10
+
+
 def _jumped(recording: Recording, name: str, jumps: list[Jump], unit: str) -> str:
     """Counts that were lost, or a coupling that slipped."""
     if are_usual(jumps, len(recording)):
         return f"{name} jumps {len(jumps)} times: so often is how it reads, and nothing was taken out"
-    listed = ", ".join(f"by {one.size:.3g} {unit} at {recording.t[one.row]:.6g} s" for one in jumps)
-    return f"{name} jumps {listed}, and goes on from there: lost counts, or what slipped; taken out of the rest"
+    listed = ", ".join(f"by {one.size:.3g} {unit} at {recording.t[one.row]:.6g} s" for one in jumps[:MOST_TOLD])
+    more = f", {len(jumps) - MOST_TOLD} times more" if len(jumps) > MOST_TOLD else ""
+    return f"{name} jumps {listed}{more}, and goes on from there: lost counts, or what slipped; taken out of the rest"
 
 
 def _slow_camera(recording: Recording, camera: JudgedSamples) -> list[str]:

@@ -13,9 +13,9 @@ Rules of this file: inputs that act on a coordinate; fits are asked for, none is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import log, sqrt
+from math import inf, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,16 +81,18 @@ def as_heard(
     stretches: Sequence[Stretch], first: HypothesisFit, refit: Refit, threshold: float
 ) -> tuple[list[Stretch], HypothesisFit, LostCommands]:
     """Stretches with the inputs as the drive had them, their fit, and what was lost."""
-    current, found, moments = list(stretches), first, dict[str, list[float]]()
+    current, found, every = list(stretches), first, dict[str, set[float]]()
     total = sum(len(_changes(one)) for one in stretches)
     for _ in range(MOST_ROUNDS):
-        lost = _lost(found, threshold)
-        if not lost:
+        lost = _lost(found, stretches, threshold)
+        new = {name: times - every.get(name, set()) for name, times in lost.items()}
+        if not any(new.values()):
             break
-        current = [_without(one, lost.get(one.recording, [])) for one in current]
+        every |= {name: every.get(name, set()) | times for name, times in new.items()}
+        # in the order of time, so that what was lost before a lost command stays for that, too
+        current = [_without(one, every.get(one.recording, set())) for one in stretches]
         found = refit(current)
-        for name, times in lost.items():
-            moments[name] = sorted([*moments.get(name, []), *times])
+    moments = {name: sorted(times) for name, times in every.items()}
     count = sum(map(len, moments.values()))
     gain = first.criterion - found.criterion - _cost(count, total)
     if count < FEWEST or gain <= BEYOND * threshold:
@@ -106,18 +108,19 @@ def _cost(count: int, total: int) -> float:
     return -count * log(share) - (total - count) * log(1.0 - share)
 
 
-def _lost(found: HypothesisFit, threshold: float) -> dict[str, list[float]]:
-    """Starts of samples whose command was not heard, by recording; none where chance may be it."""
+def _lost(found: HypothesisFit, given: Sequence[Stretch], threshold: float) -> dict[str, set[float]]:
+    """Starts of samples whose command was not heard, by recording; none where chance may be it. Asked of are the
+    changes of the inputs as they were `given`, that are still changes."""
     adjoint = Adjoint(Screen(found, []))
     gains: list[Array] = []
     places: list[tuple[str, Array]] = []
-    for track, slopes in zip(found.tracks, adjoint.by_force, strict=True):
+    for track, slopes, before in zip(found.tracks, adjoint.by_force, given, strict=True):
         stretch = track.stretch
-        changes = _changes(stretch)
+        changes = np.intersect1d(_changes(stretch), _changes(before))
         if not len(changes) or stretch.plant.driven is None:
             continue
         own = slopes[:, stretch.plant.disturbed.index(stretch.plant.driven)]
-        over = np.array([own[k : _end(stretch, int(k))].sum(axis=0) for k in changes])
+        over = np.array([own[k : _end(before, int(k))].sum(axis=0) for k in changes])
         size = stretch.u[changes - 1] - stretch.u[changes]
         shown = uniform_filter1d(np.mean(over[:, 1:] ** 2, axis=1), min(ALIKE, len(changes)), mode="nearest")
         gains.append(size * over[:, 0] - size**2 * shown / 2.0)
@@ -130,10 +133,9 @@ def _lost(found: HypothesisFit, threshold: float) -> dict[str, list[float]]:
     if best == len(SHARES) - 1 or surprise(float(mixtures[best]), 1) <= threshold:
         return {}
     least = float(np.log1p(-SHARES[best]) - np.log(SHARES[best]))
-    lost: dict[str, list[float]] = {}
+    lost: dict[str, set[float]] = {}
     for (name, t), own in zip(places, gains, strict=True):
-        if (own > least).any():
-            lost.setdefault(name, []).extend(t[own > least].tolist())
+        lost.setdefault(name, set()).update(t[own > least].tolist())
     return lost
 
 
@@ -143,17 +145,29 @@ def _changes(stretch: Stretch) -> NDArray[np.intp]:
 
 
 def _end(stretch: Stretch, first: int) -> int:
-    """The first step that does not belong to the sample that begins with `first`."""
-    until = stretch.t[first] + WITHIN * stretch.plant.time_scale_s
-    return max(first + 1, int(np.searchsorted(stretch.t[:-1], until)))
+    """The first step that does not belong to the sample that begins with `first`: none beyond the next change, or half
+    of a usual sample later."""
+    changes = _changes(stretch)
+    later = changes[changes > first]
+    sample_s = min(stretch.plant.time_scale_s, _row_s(stretch))
+    end = int(np.searchsorted(stretch.t[:-1], stretch.t[first] + WITHIN * sample_s))
+    return max(first + 1, min(end, int(later[0]) if len(later) else len(stretch.u)))
 
 
-def _without(stretch: Stretch, moments: Sequence[float]) -> Stretch:
+def _row_s(stretch: Stretch) -> float:
+    """Usual time between two readings of what is driven, which come with the input; other sensors may read between."""
+    plant = stretch.plant
+    own = [i for i, name in enumerate(plant.channels) if plant.state_of(name) == plant.driven]
+    rows = np.flatnonzero(np.isfinite(stretch.y[:, own]).any(axis=1)) if own else np.arange(len(stretch.t))
+    return float(np.median(np.diff(stretch.t[rows]))) if len(rows) > 1 else inf
+
+
+def _without(stretch: Stretch, moments: Collection[float]) -> Stretch:
     """With the input of the sample before where a command was lost."""
     if not moments:
         return stretch
-    u, starts = stretch.u.copy(), set(moments)
+    u = stretch.u.copy()
     for k in _changes(stretch):
-        if float(stretch.t[k]) in starts:
+        if float(stretch.t[k]) in moments:
             u[k : _end(stretch, int(k))] = u[k - 1]
     return replace(stretch, u=u)

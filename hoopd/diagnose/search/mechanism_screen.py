@@ -119,7 +119,7 @@ class MechanismScreen:
         self, mechanism: Mechanism, own: Sequence[FollowedTrack], followed: Array, t: Array
     ) -> Iterator[dict[str, float]]:
         """Constants that are tried; of what lasts, those of each recording in which it may have begun."""
-        every = self._recordings
+        every = [*dict.fromkeys(one.track.stretch.recording for one in own)]
         if mechanism.shape not in STEPS:
             yield from mechanism.grid(followed, t)
         elif mechanism.shape is not CHANGE:

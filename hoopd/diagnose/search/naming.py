@@ -126,7 +126,10 @@ def _best_of(found: Named, judge: Judge, chosen: Sequence[Score], known: Sequenc
     """The first that is taken of what was proposed and of what was fitted already."""
     every = sorted([*known, *tried_all(judge, found.final, chosen)], key=lambda one: -one.surprise)
     # of a name that was fitted from several starts the best
-    tried = [*{one.effect.name: one for one in reversed(every)}.values()][::-1]
+    best: dict[str, Tried] = {}
+    for one in every:
+        best.setdefault(one.effect.name, one)
+    tried = [*best.values()]
     if not found.accepted:
         found.tried = tried
     return _taken(found, judge, tried)
