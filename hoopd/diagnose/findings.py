@@ -41,7 +41,7 @@ from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect, EffectParameter
-from hoopd.plants.effects.grammar.mechanism import BEGAN
+from hoopd.plants.effects.grammar.shapes import BEGAN
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.recording_parameters import values_of

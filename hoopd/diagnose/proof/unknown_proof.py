@@ -112,14 +112,20 @@ def missing_of(named: Named, held: HeldOut, effects: Sequence[Effect], seed: int
 
     first = of(named.base, named.scores, [replace(one.score, gain=one.gain) for one in named.tried])
     second = of(named.final, [s for s in named.left if s.origin is named.final]) if named.accepted else None
-    unknown = judge_unknown(first, second, seed=seed)
-    proof = _borne_out(first, held, seed) if unknown is None and second is None else None
-    proof = proof if unknown is None else proven(unknown, held, seed)
+    proof = _proof_of(first, second, held, seed)
     if proof is not None and proof.joint is not None and not proof.unknown.beside_names:
         drop_names(named)
     if proof is not None and not proof.is_told:
         return Missing(first, None, second, refused=proof)
     return Missing(first, proof, second)
+
+
+def _proof_of(first: Survey, second: Survey | None, held: HeldOut, seed: int) -> Proven | None:
+    """Of what names leave; where there is none that is told, of a curve that one too small may be behind."""
+    unknown = judge_unknown(first, second, seed=seed)
+    if unknown is not None:
+        return proven(unknown, held, seed)
+    return _borne_out(first, held, seed) if second is None else None
 
 
 def _borne_out(about: Survey, held: HeldOut, seed: int) -> Proven | None:
@@ -142,8 +148,7 @@ def missing_instead(
         also=[one for one in named.scores if one.member.effect.name not in denied],
         fitted=[replace(one.score, gain=one.gain) for one in named.tried if one.effect.name not in denied],
     )  # fmt: skip
-    unknown = judge_unknown(survey_of_rest, seed=seed)
-    proof = _borne_out(survey_of_rest, held, seed) if unknown is None else proven(unknown, held, seed)
+    proof = _proof_of(survey_of_rest, None, held, seed)
     return None if proof is None or not proof.is_told else Missing(survey_of_rest, proof)
 
 

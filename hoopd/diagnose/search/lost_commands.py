@@ -111,16 +111,19 @@ def _cost(count: int, total: int) -> float:
 def _lost(found: HypothesisFit, given: Sequence[Stretch], threshold: float) -> dict[str, set[float]]:
     """Starts of samples whose command was not heard, by recording; none where chance may be it. Asked of are the
     changes of the inputs as they were `given`, that are still changes."""
+    if not any(one.plant.driven is not None and len(_changes(one)) for one in given):
+        return {}
     adjoint = Adjoint(Screen(found, []))
     gains: list[Array] = []
     places: list[tuple[str, Array]] = []
     for track, slopes, before in zip(found.tracks, adjoint.by_force, given, strict=True):
         stretch = track.stretch
-        changes = np.intersect1d(_changes(stretch), _changes(before))
+        ends = _ends(before)
+        changes = np.array([k for k in _changes(stretch).tolist() if k in ends], dtype=np.intp)
         if not len(changes) or stretch.plant.driven is None:
             continue
         own = slopes[:, stretch.plant.disturbed.index(stretch.plant.driven)]
-        over = np.array([own[k : _end(before, int(k))].sum(axis=0) for k in changes])
+        over = np.array([own[k : ends[k]].sum(axis=0) for k in changes.tolist()])
         size = stretch.u[changes - 1] - stretch.u[changes]
         shown = uniform_filter1d(np.mean(over[:, 1:] ** 2, axis=1), min(ALIKE, len(changes)), mode="nearest")
         gains.append(size * over[:, 0] - size**2 * shown / 2.0)
@@ -144,14 +147,14 @@ def _changes(stretch: Stretch) -> NDArray[np.intp]:
     return np.flatnonzero(np.diff(stretch.u) != 0.0) + 1
 
 
-def _end(stretch: Stretch, first: int) -> int:
-    """The first step that does not belong to the sample that begins with `first`: none beyond the next change, or half
-    of a usual sample later."""
+def _ends(stretch: Stretch) -> dict[int, int]:
+    """Of every change the first step that does not belong to its sample: none beyond the next change, or half of a
+    usual sample later."""
     changes = _changes(stretch)
-    later = changes[changes > first]
     sample_s = min(stretch.plant.time_scale_s, _row_s(stretch))
-    end = int(np.searchsorted(stretch.t[:-1], stretch.t[first] + WITHIN * sample_s))
-    return max(first + 1, min(end, int(later[0]) if len(later) else len(stretch.u)))
+    over = np.searchsorted(stretch.t[:-1], stretch.t[changes] + WITHIN * sample_s)
+    ends = np.maximum(changes + 1, np.minimum(over, np.append(changes[1:], len(stretch.u))[: len(changes)]))
+    return dict(zip(changes.tolist(), ends.tolist(), strict=True))
 
 
 def _row_s(stretch: Stretch) -> float:
@@ -167,7 +170,7 @@ def _without(stretch: Stretch, moments: Collection[float]) -> Stretch:
     if not moments:
         return stretch
     u = stretch.u.copy()
-    for k in _changes(stretch):
+    for k, end in _ends(stretch).items():
         if float(stretch.t[k]) in moments:
-            u[k : _end(stretch, int(k))] = u[k - 1]
+            u[k:end] = u[k - 1]
     return replace(stretch, u=u)

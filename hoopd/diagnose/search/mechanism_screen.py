@@ -26,9 +26,9 @@ from hoopd.diagnose.search.screen import MOST_DEVIATIONS, orthonormal
 from hoopd.diagnose.search.surprise import log_chances, surprise
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.axes import TIME
-from hoopd.plants.effects.grammar.mechanism import BEGAN, Mechanism
+from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import code_nats
-from hoopd.plants.effects.grammar.shapes import ALWAYS, CHANGE, STEPS
+from hoopd.plants.effects.grammar.shapes import ALWAYS, BEGAN, CHANGE, STEPS
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
 Array = NDArray[np.float64]

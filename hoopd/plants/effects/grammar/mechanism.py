@@ -25,7 +25,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point, phase
 from hoopd.plants.effects.grammar.axes import TIME, Axis
 from hoopd.plants.effects.grammar.memory_law import PARTS, MemoryLaw
-from hoopd.plants.effects.grammar.shapes import ALWAYS, WAVE, ShapeLaw
+from hoopd.plants.effects.grammar.shapes import ALWAYS, BEGAN, WAVE, ShapeLaw
 from hoopd.plants.scales import usual_sizes
 
 Array = NDArray[np.float64]
@@ -42,8 +42,6 @@ NOTHING = 1e-6
 BEYOND_TRIED = 10.0
 # Shares of the least way of a memory that a reading's is tried at, too.
 FINER, WAYS = (0.1, 0.3), ("dahl", "play")
-# Of what lasts, a time that is added to a recording's.
-BEGAN = "began"
 # Shapes whose v0 is a place, with either sign.
 PLACED = ("above", "below", "well", "detent", "bent", "lens", "step", "change")
 # Each constant of a law costs evidence; a textbook's law costs what it is rarer than a library's name, one to seven.

@@ -37,8 +37,8 @@ MOMENTS, SUDDEN = 24, 0.5
 # Of a pull that changes its sign at its place, widths and how many places of each: half a width off it is another one.
 DETENT_PLACES = ((0.15, 42), (0.35, 28), (0.6, 16))
 WAVES = tuple(float(n) for n in range(1, 37))
-# s, longer than any recording.
-ALWAYS = 1e9
+# s, longer than any recording; and the time of what lasts that is added to a recording's.
+ALWAYS, BEGAN = 1e9, "began"
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
 # Waves over what does not turn: so many in the range of the variable.
@@ -262,7 +262,7 @@ BEAT = ShapeLaw("beat", _saw, "frac((n {v} + phi)/2 pi)", "grows and falls back 
 STEP = ShapeLaw("step", lambda ops, v, c: (1.0 + ops.tanh((v - c["v0"]) / c["w"])) / 2.0,
                 "(1 + tanh(({v} - v0)/w))/2", "steps to another level at one moment of", (TIME,), 0, ("v0", "w"),
                 _moments)  # fmt: skip
-CHANGE = ShapeLaw("change", lambda ops, v, c: (1.0 + ops.tanh((v + c.get("began", 0.0) - c["v0"]) / c["w"])) / 2.0,
+CHANGE = ShapeLaw("change", lambda ops, v, c: (1.0 + ops.tanh((v + c.get(BEGAN, 0.0) - c["v0"]) / c["w"])) / 2.0,
                   "(1 + tanh(({v} - v0)/w))/2, and 1 in the recordings after it", "changes for good at one moment of",
                   (TIME,), 0, ("v0", "w"), _moments, lasts=True)  # fmt: skip
 # What is not as it was from one moment on: of each recording, or once for all.
