@@ -25,8 +25,8 @@ LATE_COLUMNS = 2
 
 
 @dataclass(frozen=True)
-class CameraFault:
-    """One fault over all recordings."""
+class CountedFault:
+    """One fault over all recordings, of a camera or a drive, that is counted and not fitted."""
 
     name: str  # slot.effect
     share: float
@@ -36,14 +36,14 @@ class CameraFault:
     needed: float  # gain that is surprising enough
 
 
-def camera_faults(qualities: Sequence[Quality], threshold: float = THRESHOLD) -> list[CameraFault]:
+def camera_faults(qualities: Sequence[Quality], threshold: float = THRESHOLD) -> list[CountedFault]:
     """Those that are effects, the largest gain first."""
     seen = dict.fromkeys((camera.name, one.sensors[camera.name].slot) for one in qualities for camera in one.cameras)
     every = [fault for channel, slot in seen for fault in _of_channel(channel, slot, qualities, threshold)]
     return sorted(every, key=lambda one: -one.gain)
 
 
-def _of_channel(channel: str, slot: str, qualities: Sequence[Quality], threshold: float) -> Iterator[CameraFault]:
+def _of_channel(channel: str, slot: str, qualities: Sequence[Quality], threshold: float) -> Iterator[CountedFault]:
     """Faults of what a camera sees in one channel."""
     every = [one.channels[channel] for one in qualities if channel in one.channels]
     seen = [one for one in every if one.counts.any()]
@@ -55,7 +55,7 @@ def _of_channel(channel: str, slot: str, qualities: Sequence[Quality], threshold
     yield from (one for one in both if one is not None)
 
 
-def _fault(name: str, shares: Sequence[Share], columns: int, looked_at: int, threshold: float) -> CameraFault | None:
+def _fault(name: str, shares: Sequence[Share], columns: int, looked_at: int, threshold: float) -> CountedFault | None:
     """None where it is none: too small, in clusters, in less than half of the recordings, or by chance."""
     there = [one for one in shares if min(one.value, one.spread) > EFFECT_SHARE]
     if not shares or 2 * len(there) < len(shares):
@@ -66,7 +66,7 @@ def _fault(name: str, shares: Sequence[Share], columns: int, looked_at: int, thr
     if told <= threshold or share <= EFFECT_SHARE:
         return None
     ends = max(share - Z95 * error, 0.0), min(share + Z95 * error, 1.0)
-    return CameraFault(name, share, ends, gain, told, needed_gain(threshold, columns, looked_at))
+    return CountedFault(name, share, ends, gain, told, needed_gain(threshold, columns, looked_at))
 
 
 def pooled(shares: Sequence[Share]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from math import pi
 import numpy as np
 from msgspec.structs import replace
 
-from hoopd.diagnose.camera_faults import CameraFault
+from hoopd.diagnose.camera_faults import CountedFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.finding_standings import Standing, Standings
@@ -118,7 +118,7 @@ def effects_of(
     named: Named,
     heldout: Mapping[str, Played],
     threshold: float,
-    faults: Sequence[CameraFault],
+    faults: Sequence[CountedFault],
     apart: Mapping[str, Separation],
     placebos: Mapping[str, Placebo],
     said: Confirmation,
@@ -236,7 +236,7 @@ FAULTS = {
 }
 
 
-def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
+def _fault(fault: CountedFault, threshold: float) -> EffectFinding:
     slot, _, kind = fault.name.partition(".")
     each, happens = FAULTS[kind]
     known = likely([Option(fault.name, fault.surprise, True), Option(PARAMETERS, threshold)])
@@ -255,7 +255,7 @@ def _fault(fault: CameraFault, threshold: float) -> EffectFinding:
     )
 
 
-def faults_of(effects: Sequence[EffectFinding], faults: Sequence[CameraFault]) -> list[float]:
+def faults_of(effects: Sequence[EffectFinding], faults: Sequence[CountedFault]) -> list[float]:
     """Probabilities of the findings that are counted faults of a sensor."""
     names = {one.name for one in faults}
     return [one.probability or 0.0 for one in effects if one.name in names]
@@ -302,9 +302,12 @@ def _told(finding: EffectFinding, standing: Standing) -> EffectFinding:
     )
 
 
-def candidates_of(named: Named, threshold: float, shares: Mapping[str, float]) -> list[Candidate]:
+def candidates_of(
+    named: Named, threshold: float, shares: Mapping[str, float], counted_with: Mapping[str, str] | None = None
+) -> list[Candidate]:
     """Every effect on its own over the base: refitted where it was, else as the screen saw it; and whatever else is
-    likely."""
+    likely. `counted_with`: names that nothing tells from a finding -> the finding."""
+    its = counted_with or {}
     stretches = [track.stretch for track in named.base.tracks]
     found = {s.member.effect.name: (s, s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
     found |= {one.effect.name: (one.score, one.gain, one.surprise) for one in named.tried}
@@ -312,11 +315,16 @@ def candidates_of(named: Named, threshold: float, shares: Mapping[str, float]) -
         Candidate(
             name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold,
             needed=needed_of(score, threshold, stretches), probability=shares.get(name, 0.0),
+            counted_with=its.get(name),
         )
         for name, (score, gain, beyond) in found.items()
     ]  # fmt: skip
     more = [name for name, one in shares.items() if name not in found and (one >= LEAST_TOLD or name == NONE_OF_THESE)]
-    return [*known, *(Candidate(name=name, log_likelihood_gain=None, probability=shares[name]) for name in more)]
+    screened = [
+        Candidate(name=name, log_likelihood_gain=None, probability=shares[name], counted_with=its.get(name))
+        for name in more
+    ]
+    return [*known, *screened]
 
 
 def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], said: Confirmation | None = None) -> EffectFinding:

@@ -272,7 +272,8 @@ class DataQuality(_Part, frozen=True):
 class Candidate(_Part, frozen=True):
     """One explanation that was tried on its own, over the re-fitted base; its surprise is what meets the threshold.
 
-    `probability`: that it is among what acts; "none of these" is a candidate, too.
+    `probability`: that it is among what acts; "none of these" is a candidate, too. `counted_with`: the finding in whose
+    probability it is counted, because nothing here tells the two apart.
     """
 
     name: str
@@ -282,6 +283,7 @@ class Candidate(_Part, frozen=True):
     threshold: Number = None
     needed: Number = None  # the gain that is as surprising as the threshold
     heldout_gain_percent: Number = None
+    counted_with: str | None = None
 
 
 class Refused(_Part, frozen=True):

@@ -12,7 +12,7 @@ from functools import cached_property
 import msgspec
 import numpy as np
 
-from hoopd.diagnose.camera_faults import CameraFault, camera_faults
+from hoopd.diagnose.camera_faults import CountedFault, camera_faults
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.findings import (
     base_of,
@@ -199,7 +199,9 @@ def _diagnosed(case: Case) -> Outcome:
     threshold, apart = case.settings.threshold, separations(named, library)
     faults = [*camera_faults([one.quality for one in case.train], threshold), *_unheard(data, threshold)]
     known = {name: library[name] for name in case.library}
-    stand = standings(Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds))
+    stand = standings(
+        Asked(named, known, grammar, missing.base, missing.beside, unknown, threshold, case.odds, said.denials)
+    )
     said = less_sure(said, {name: one.probability for name, one in stand.findings.items()}, case.seed)
     table = msgspec.structs.replace(table, heldout=fits_of({**said.fits, **_saved(said, runs)}) if fits else {})
     effects = effects_of(named, said.fits, threshold, faults, apart, proofs, said)
@@ -237,7 +239,9 @@ def _diagnosed(case: Case) -> Outcome:
             ],
         ),
         seed=case.seed,
-        candidates=candidates_of(named, threshold, beside_faults(shares, faults_of(effects, faults))),
+        candidates=candidates_of(
+            named, threshold, beside_faults(shares, faults_of(effects, faults)), stand.counted_with
+        ),
         refused=refused,
         remains=remains_of(stand),
         power=visible(named, case.library, threshold),
@@ -315,7 +319,7 @@ def _started(case: Case, named: Named, data: CountedData, held: CountedData) -> 
     return name_effects(data.kept, case.library, nominal, base, case.settings), data, held
 
 
-def _unheard(data: CountedData, threshold: float) -> list[CameraFault]:
+def _unheard(data: CountedData, threshold: float) -> list[CountedFault]:
     """Commands that the drive did not hear, as a counted fault."""
     drives = [name for one in data.whole for name, slot in one.plant.slots.items() if slot.kind == "actuator"]
     found = data.unheard.fault(f"{drives[0]}.lost_commands", threshold) if drives else None

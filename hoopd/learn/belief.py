@@ -143,7 +143,9 @@ def _probability(finding: EffectFinding, diagnosis: Diagnosis, shares: Mapping[s
     """Of a finding with those that count with it; one without a law has that of what is unexplained."""
     rest = diagnosis.unexplained
     told = rest.probability if finding.probability is None and finding.is_unknown and rest is not None else None
-    return min(1.0, (finding.probability or told or 0.0) + sum(shares.get(name, 0.0) for name in _alike(finding)))
+    counted = {one.name for one in diagnosis.candidates if one.counted_with == finding.name}
+    more = sum(shares.get(name, 0.0) for name in _alike(finding) if name not in counted)
+    return min(1.0, (finding.probability or told or 0.0) + more)
 
 
 def _alike(finding: EffectFinding) -> tuple[str, ...]:

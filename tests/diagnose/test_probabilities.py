@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.camera_faults import CameraFault
+from hoopd.diagnose.camera_faults import CountedFault
 from hoopd.diagnose.curves.unknown_effects import survey
 from hoopd.diagnose.findings import _fault, remains_of, told
 from hoopd.diagnose.proof.finding_standings import Asked, Standing, Standings, _caveat, _left_of, standings
@@ -64,7 +64,7 @@ def test_a_name_is_among_what_acts_when_it_is_in_any_place() -> None:
 
 
 def test_a_fault_of_the_camera_is_as_likely_as_it_is_beyond_the_threshold() -> None:
-    faults = [CameraFault("camera.outliers", 0.05, (0.04, 0.06), 40.0, surprise, 14.0) for surprise in (12.0, 30.0)]
+    faults = [CountedFault("camera.outliers", 0.05, (0.04, 0.06), 40.0, surprise, 14.0) for surprise in (12.0, 30.0)]
     found = [_fault(one, 12.0) for one in faults]
     assert [one.probability for one in found] == [pytest.approx(0.5), pytest.approx(1.0, abs=1e-6)]
     assert told(found, Standings()) == found and found[0].formula == "a share of the samples is a false detection"
@@ -127,12 +127,14 @@ def taken_for(name: str) -> Named:
     return found
 
 
-def standing(found: Named, names: Sequence[str], grammar: Sequence[str]) -> Standings:
+def standing(
+    found: Named, names: Sequence[str], grammar: Sequence[str], denied: Sequence[str] = ()
+) -> Standings:
     known = {name: EFFECTS[name] for name in names}
     laws = [one for name, one in mechanisms(PLANT).items() if name in grammar]
     about = survey(found.base, [*known.values()])
     beside = survey(found.final, [*known.values()])
-    return standings(Asked(found, known, laws, about, beside, None, Settings().threshold))
+    return standings(Asked(found, known, laws, about, beside, None, Settings().threshold, denied=denied))
 
 
 LAWS = ("hoop.threshold_of_dtheta", "hoop.saturation_of_dtheta", "hoop.cubic_of_dtheta", "hoop.linear_of_theta")
@@ -146,6 +148,22 @@ def test_the_right_name_is_likely_and_explains_nearly_all() -> None:
     assert mine.explained is not None and mine.explained > 0.9
     assert mine.nearest is None and mine.caveat == ""
     assert found.candidates["hoop.coulomb_friction"] > found.candidates.get("camera.latency", 0.0)
+
+
+def test_a_name_that_held_out_data_deny_is_as_likely_another_law() -> None:
+    names = ("hoop.coulomb_friction", "hoop.quadratic_drag", "camera.latency")
+    found = standing(named(*names), names, LAWS, denied=names[:1])
+    mine = found.findings["hoop.coulomb_friction"]
+    assert mine.probability is not None and mine.probability < 0.5
+    assert found.candidates[NONE_OF_THESE] == pytest.approx(0.5, abs=0.05)
+
+
+def test_what_nothing_tells_from_a_name_is_counted_with_it() -> None:
+    name, other = "camera.angle_offset", "frame.tilt"
+    found = standing(taken_for(name), (name, other, "hoop.quadratic_drag"), ())
+    mine = found.findings[name].probability
+    assert found.counted_with == {other: name}
+    assert mine is not None and mine == pytest.approx(found.candidates[name] + found.candidates[other])
 
 
 def test_a_wrong_name_is_the_nearest_known_one_at_most() -> None:
@@ -253,7 +271,7 @@ def test_what_several_names_leave_is_told_once() -> None:
         _caveat("a.b", 0.7, rest, 2)
         == f"{share} (what is lost without it; findings overlap, so that shares need not add up)"
     )
-    told_once = remains_of(Standings({"a.b": Standing()}, {}, rest))
+    told_once = remains_of(Standings({"a.b": Standing()}, {}, rest=rest))
     assert told_once is not None and (told_once.follows, told_once.log_likelihood_gain) == ("theta", 25.0)
     assert remains_of(Standings({"a.b": Standing()}, {}, remaining(8.0, 5.0))) is None
     assert remains_of(Standings({}, {}, rest)) is None

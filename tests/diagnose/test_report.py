@@ -230,6 +230,11 @@ def test_that_none_of_the_known_laws_is_likely_stands_in_the_table_and_so_do_oth
     for few in (likely[1:], [msgspec.structs.replace(likely[0], probability=0.1)]):
         rows = tables.effects(msgspec.structs.replace(told, candidates=few)).rows
         assert all(row[0] != "no known law, in a place at least" for row in rows)
+    with_it = msgspec.structs.replace(likely[1], counted_with="hoop.coulomb_friction")
+    alike = words.likely_sentence(msgspec.structs.replace(told, candidates=[likely[0], with_it]))
+    assert alike.endswith(
+        "In what is said of hoop.coulomb_friction, because nothing here tells them apart: hoop.dahl (39 %)."
+    )
     assert words.likely_sentence(consistent()[0]) == ""
 
 

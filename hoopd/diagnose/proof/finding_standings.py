@@ -6,12 +6,13 @@ they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import log
 
 from hoopd.diagnose.curves.unknown_effects import Survey, Unknown
 from hoopd.diagnose.proof.probabilities import (
+    DENIED,
     MOST_NATS,
     UNLISTED,
     Likely,
@@ -48,6 +49,7 @@ class Standings:
 
     findings: Mapping[str, Standing] = field(default_factory=dict)
     candidates: Mapping[str, float] = field(default_factory=dict)
+    counted_with: Mapping[str, str] = field(default_factory=dict)  # candidates that nothing tells from a finding -> it
     rest: Remainder | None = None
 
 
@@ -63,6 +65,7 @@ class Asked:
     unknown: Unknown | None
     threshold: float
     odds: Mapping[str, float] = field(default_factory=dict)  # nats by which names are likelier beforehand
+    denied: Collection[str] = ()  # names that held-out data deny
 
     def believed(self, options: Sequence[Option]) -> list[Option]:
         """With what was believed beforehand."""
@@ -76,6 +79,7 @@ def standings(asked: Asked) -> Standings:
     rest = remainder(screen, asked.beside if named.accepted else None)
     findings: dict[str, Standing] = {}
     likelies: list[Likely] = []
+    counted_with: dict[str, str] = {}
     total = named.base.criterion - named.final.criterion
     shares = explained([named.losses[one.effect.name] for one in named.accepted], total, rest)
     if unknown is not None:
@@ -84,10 +88,12 @@ def standings(asked: Asked) -> Standings:
         place = EffectTakenOut(named, one, asked.library, asked.mechanisms)
         left = _left_of(named.losses[one.effect.name], rest, unknown)
         curves = asked.base if len(named.accepted) == 1 else None
-        found = likely(asked.believed(place.options(asked.threshold, curves)), left, UNLISTED)
+        unlisted = DENIED if one.effect.name in asked.denied else UNLISTED
+        found = likely(asked.believed(place.options(asked.threshold, curves)), left, unlisted)
         near = place.nearest() if one.effect.name not in asked.library else None
         caveat = _caveat(one.effect.name, share, rest, len(named.accepted)) if rest is not None and rest.fires else ""
         findings[one.effect.name] = Standing(found.named, near, share, caveat)
+        counted_with |= dict.fromkeys(found.alike - {one.effect.name}, one.effect.name)
         likelies.append(found)
     if not likelies:
         likelies.append(likely(asked.believed(_unnamed(asked, screen)), _left(None, unknown)))
@@ -95,7 +101,8 @@ def standings(asked: Asked) -> Standings:
         none = 1.0 - _product([1.0 - one.none for one in likelies])
         near = nearest(_library_beside(unknown.beside, asked), unknown.score.vector)
         findings[unknown.name] = Standing(none, near, unknown.share)
-    return Standings(findings, among_what_acts(likelies), rest)
+    counted_with = {name: one for name, one in counted_with.items() if name not in findings}
+    return Standings(findings, among_what_acts(likelies), counted_with, rest)
 
 
 def _grammar_beside(asked: Asked) -> MechanismScreen:

@@ -25,8 +25,9 @@ from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
 MOST_NATS = 50.0
 # Beliefs before any data, of about what tuning seeds of the proof showed. Where nothing is found, one time in five
 # something acts that is too small for these recordings; and of laws that are found, as many as this are the nearest of
-# the vocabulary to one that is not in it, without a trace beside them.
-TOO_SMALL, UNLISTED = 0.2, 0.07
+# the vocabulary to one that is not in it, without a trace beside them. A law that held-out data deny is as likely
+# another one as itself, whatever the data say that it was fitted to.
+TOO_SMALL, UNLISTED, DENIED = 0.2, 0.07, 0.5
 
 
 class Option(NamedTuple):
@@ -43,6 +44,7 @@ class Likely:
 
     shares: Mapping[str, float] = field(default_factory=dict)  # by name, "none of these" among them; the sum is 1
     named: float = 0.0  # of the named one and what is alike
+    alike: frozenset[str] = frozenset()  # the named one among them
 
     @property
     def none(self) -> float:
@@ -63,7 +65,7 @@ def likely(options: Sequence[Option], left: float = -MOST_NATS, unlisted: float 
     shares = {name: known * weight / total for name, weight in weights.items()} if total else {}
     shares[NONE_OF_THESE] = shares.get(NONE_OF_THESE, 0.0) + 1.0 - known if shares else 1.0
     alike = {one.name for one in options if one.alike}
-    return Likely(shares, sum(share for name, share in shares.items() if name in alike))
+    return Likely(shares, sum(share for name, share in shares.items() if name in alike), frozenset(alike))
 
 
 def too_small(threshold: float) -> Option:

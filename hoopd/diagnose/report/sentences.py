@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 
 from hoopd.diagnose.record import (
     NONE_OF_THESE,
+    Candidate,
     DataQuality,
     Diagnosis,
     EffectFinding,
@@ -157,13 +158,17 @@ def likely_sentence(diagnosis: Diagnosis) -> str:
     if all(one.probability is None for one in diagnosis.effects):
         return ""
     named = {NONE_OF_THESE, "parameters", *(one.name for one in diagnosis.effects)}
-    others = [
-        f"{one.name} ({chance(one.probability)})"
-        for one in diagnosis.candidates
-        if one.name not in named and (one.probability or 0.0) >= LEAST_LIKELY
-    ]
+    likely = [one for one in diagnosis.candidates if one.name not in named and (one.probability or 0.0) >= LEAST_LIKELY]
+    others = [_with_chance(one) for one in likely if one.counted_with is None]
     more = f" Others that could stand in one of their places: {listed(others)}." if others else ""
+    for name in dict.fromkeys(one.counted_with for one in likely if one.counted_with is not None):
+        alike = [_with_chance(one) for one in likely if one.counted_with == name]
+        more += f" In what is said of {name}, because nothing here tells them apart: {listed(alike)}."
     return f"{LIKELY}{NONE_IS_LIKELY if none_of_them(diagnosis) else ''}{more}"
+
+
+def _with_chance(one: Candidate) -> str:
+    return f"{one.name} ({chance(one.probability)})"
 
 
 def none_of_them(diagnosis: Diagnosis) -> Number:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hoopd.diagnose.camera_faults import CameraFault
+from hoopd.diagnose.camera_faults import CountedFault
 from hoopd.diagnose.search.adjoint import Adjoint
 from hoopd.diagnose.search.screen import Screen
 from hoopd.diagnose.search.surprise import needed_gain, surprise
@@ -59,7 +59,7 @@ class LostCommands:
         """Of those that were lost."""
         return sum(map(len, self.moments.values()))
 
-    def fault(self, name: str, threshold: float) -> CameraFault | None:
+    def fault(self, name: str, threshold: float) -> CountedFault | None:
         """As a counted fault; None where it is none."""
         told = surprise(self.gain, 1)
         if not self.count or told <= threshold:
@@ -67,7 +67,7 @@ class LostCommands:
         share = self.count / self.changes
         half = Z95 * sqrt(share * (1.0 - share) / self.changes)
         ends = max(share - half, 0.0), min(share + half, 1.0)
-        return CameraFault(name, share, ends, self.gain, told, needed_gain(threshold, 1))
+        return CountedFault(name, share, ends, self.gain, told, needed_gain(threshold, 1))
 
     @property
     def sentence(self) -> str:
