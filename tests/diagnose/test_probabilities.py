@@ -127,9 +127,7 @@ def taken_for(name: str) -> Named:
     return found
 
 
-def standing(
-    found: Named, names: Sequence[str], grammar: Sequence[str], denied: Sequence[str] = ()
-) -> Standings:
+def standing(found: Named, names: Sequence[str], grammar: Sequence[str], denied: Sequence[str] = ()) -> Standings:
     known = {name: EFFECTS[name] for name in names}
     laws = [one for name, one in mechanisms(PLANT).items() if name in grammar]
     about = survey(found.base, [*known.values()])
