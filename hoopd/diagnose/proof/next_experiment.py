@@ -17,7 +17,16 @@ import numpy as np
 
 from hoopd.diagnose.proof.experiment_menu import Entry, command, entries
 from hoopd.diagnose.proof.not_excluded import Separation
-from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, nats_seen, rows_beside, rows_of, without_effect
+from hoopd.diagnose.proof.separation import (
+    Rows,
+    condensed,
+    linear,
+    nats_apart,
+    nats_seen,
+    rows_beside,
+    rows_of,
+    without_effect,
+)
 from hoopd.diagnose.record import PARAMETERS, NextExperiment, Quantity
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.diagnose.search.screen import Member
@@ -76,7 +85,7 @@ def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     if track is None:
         return []
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
-    known = rows_of_recordings(pair)
+    known = condensed(rows_of_recordings(pair))
     before = nats_apart([known])[pair.rival.name]
     every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     members = [member for member, _ in known.rivals]
@@ -91,7 +100,7 @@ def expected_to_show(pair: Pair, seed: int = 0) -> list[Expected]:
     if track is None:
         return []
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
-    known = rows_of_recordings(pair, [])
+    known = condensed(rows_of_recordings(pair, []))
     before = nats_seen([known])
     every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     return [Expected(one, nats_seen([known, rows_of_entry(pair, one, [])]) - before) for one in every]

@@ -91,6 +91,19 @@ def rows_of(about: HypothesisFit, effect: Effect, values: Mapping[str, float], m
     return Rows(base, white[:, : len(own)].sum(axis=1), tuple(zip(members, parts, strict=True)))
 
 
+def condensed(rows: Rows) -> Rows:
+    """Other rows with the same products of all columns, no more of them than there are columns: for what is stacked on
+    them many times over."""
+    every = np.concatenate([rows.base, rows.effect[:, None], *(z for _, z in rows.rivals)], axis=1)
+    if len(every) <= every.shape[1]:
+        return rows
+    few = np.linalg.qr(every, mode="r")
+    ends = rows.base.shape[1] + 1 + np.cumsum([0, *(z.shape[1] for _, z in rows.rivals)])
+    members = [member for member, _ in rows.rivals]
+    rivals = tuple((member, few[:, a:b]) for member, (a, b) in zip(members, pairwise(ends), strict=True))
+    return Rows(few[:, : ends[0] - 1], few[:, ends[0] - 1], rivals)
+
+
 def rows_beside(
     about: HypothesisFit,
     effect: Effect,
