@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnose.motor import SAMPLE_S, levels, sampled, turned
 from diagnose.test_step_in_time import MOTOR, B, J
 
 from hoopd.diagnose.search.candidates import Settings
@@ -15,7 +16,7 @@ from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 
-PARTS, THRESHOLD = 10, Settings().threshold
+THRESHOLD = Settings().threshold
 
 
 def recorded(
@@ -24,20 +25,16 @@ def recorded(
     """Levels of a torque for 15 s; of the changes `lost` are not heard for a sample, all are `late` tenths of one and
     `weak`; with the starts of the samples that begin with a change, s."""
     random, n = np.random.default_rng(1), 1501
-    t, h = np.arange(n) * 0.01, 0.01 / PARTS
-    u = np.repeat(random.choice([-0.06, -0.02, 0.02, 0.06], n // 10 + 1), 10)[: n - 1]
+    t, u = np.arange(n) * SAMPLE_S, levels(random, [-0.06, -0.02, 0.02, 0.06], 10, n)
     changes = np.flatnonzero(np.diff(u)) + 1
     there = u.copy()
     for k in changes[list(lost)]:
         there[k] = there[k - 1]
-    th = w = 0.0
-    shown = np.zeros((n, 2))
-    for k in range(n - 1):
-        for part in range(PARTS):
-            torque = weak * there[k - 1 if part < late and k else k]
-            middle = w + h / 2.0 * (torque - B * w) / J
-            th, w = th + h * middle, w + h * (torque - B * middle) / J
-        shown[k + 1] = th, w
+
+    def moment(k: int, part: int, w: float) -> float:
+        return float(weak * there[k - 1 if part < late and k else k] - B * w)
+
+    shown = np.column_stack([sampled(one) for one in turned(n, moment, J)])
     shown += random.normal(size=shown.shape) * (1e-3, 0.1)
     rows = np.arange(n)
     readings = {"th": (rows, shown[:, 0]), "w": (rows, shown[:, 1])}

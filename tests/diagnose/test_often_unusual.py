@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from itertools import accumulate
 
 import numpy as np
 import pytest
+from diagnose.motor import SAMPLE_S, levels, sampled, turned
 from diagnose.test_sizes import PLANT
 
 from hoopd.diagnose.quality import excluded_stretches
@@ -21,18 +23,12 @@ HALF, PARTS = 0.026, 20  # rad
 
 @cache
 def behind_play() -> Stretch:
-    """Fast turns to and fro, by the midpoint rule; the encoder follows behind its play."""
+    """Fast turns to and fro; the encoder follows behind its play."""
     random, n = np.random.default_rng(5), 1501
-    t, h = np.arange(n) * 0.01, 0.01 / PARTS
-    u = np.repeat(random.choice([-2.0, -1.0, 1.0, 2.0], n // 50 + 1), 50)[: n - 1]
-    th = w = shown = 0.0
-    y = np.zeros(n)
-    for k in range(n - 1):
-        for _ in range(PARTS):
-            middle = w + h / 2.0 * (0.05 * u[k] - 1e-3 * w) / 2.1e-4
-            th, w = th + h * middle, w + h * (0.05 * u[k] - 1e-3 * middle) / 2.1e-4
-            shown = min(max(shown, th - HALF), th + HALF)
-        y[k + 1] = shown
+    t, u = np.arange(n) * SAMPLE_S, levels(random, [-2.0, -1.0, 1.0, 2.0], 50, n)
+    angle, _ = turned(n, lambda k, part, w: float(0.05 * u[k] - 1e-3 * w), 2.1e-4, PARTS)
+    shown = list(accumulate(angle.ravel(), lambda y, th: min(max(y, th - HALF), th + HALF), initial=0.0))
+    y = np.array(shown[::PARTS])
     return stretch_of("day1", MOTOR, t, u, {"th": (np.arange(n), y + 1e-3 * random.normal(size=n))})
 
 
@@ -52,16 +48,9 @@ def test_play_at_every_reversal_is_not_set_aside(monkeypatch: pytest.MonkeyPatch
 
 def test_a_push_now_and_then_in_a_long_recording_is_set_aside() -> None:
     random, n, pushes = np.random.default_rng(5), 6001, np.linspace(5.0, 55.0, 6)
-    t, h = np.arange(n) * 0.01, 0.01 / PARTS
-    u = np.repeat(random.choice([-2.0, -1.0, 1.0, 2.0], n // 50 + 1), 50)[: n - 1]
-    th = w = 0.0
-    y = np.zeros(n)
-    for k in range(n - 1):
-        force = 0.3 if any(a <= t[k] < a + 0.15 for a in pushes) else 0.0
-        for _ in range(PARTS):
-            middle = w + h / 2.0 * (0.05 * u[k] + force - 1e-3 * w) / 2.1e-4
-            th, w = th + h * middle, w + h * (0.05 * u[k] + force - 1e-3 * middle) / 2.1e-4
-        y[k + 1] = th
+    t, u = np.arange(n) * SAMPLE_S, levels(random, [-2.0, -1.0, 1.0, 2.0], 50, n)
+    pushing = [0.3 * any(a <= at < a + 0.15 for a in pushes) for at in t]
+    y = sampled(turned(n, lambda k, part, w: float(0.05 * u[k] + pushing[k] - 1e-3 * w), 2.1e-4, PARTS)[0])
     pushed = stretch_of("day1", MOTOR, t, u, {"th": (np.arange(n), y + 1e-3 * random.normal(size=n))})
     _, out, found, often = set_aside([pushed], refit)
     assert [round(one.t0) for one in out] == pushes.tolist() and often == []

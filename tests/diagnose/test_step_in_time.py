@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnose.motor import SAMPLE_S, levels, sampled, turned
 
 from hoopd.diagnose.findings import _when, parameters_of
 from hoopd.diagnose.search.candidates import Judge, Settings
@@ -35,22 +36,19 @@ sample_time_s: 0.01
 """,
     "motor.yaml",
 )
-J, B, PARTS = 1.94e-4, 1.05e-3, 10
+J, B = 1.94e-4, 1.05e-3
 
 
 def recorded(name: str, seed: int, *, changes_s: float, friction: float = 1.0, drive: float = 1.0) -> Stretch:
-    """Levels of a torque, by the midpoint rule; from a moment on with another friction or another drive."""
+    """Levels of a torque; from a moment on with another friction or another drive."""
     random, n = np.random.default_rng(seed), 1501
-    t, h = np.arange(n) * 0.01, 0.01 / PARTS
-    u = np.repeat(random.choice([-0.06, -0.02, 0.02, 0.06], n // 30 + 1), 30)[: n - 1]
-    th = w = 0.0
-    shown = np.zeros((n, 2))
-    for k in range(n - 1):
-        b, torque = (B * friction, drive * u[k]) if t[k] >= changes_s else (B, u[k])
-        for _ in range(PARTS):
-            middle = w + h / 2.0 * (torque - b * w) / J
-            th, w = th + h * middle, w + h * (torque - b * middle) / J
-        shown[k + 1] = th, w
+    t, u = np.arange(n) * SAMPLE_S, levels(random, [-0.06, -0.02, 0.02, 0.06], 30, n)
+
+    def moment(k: int, part: int, w: float) -> float:
+        is_changed = t[k] >= changes_s
+        return float((drive if is_changed else 1.0) * u[k] - B * (friction if is_changed else 1.0) * w)
+
+    shown = np.column_stack([sampled(one) for one in turned(n, moment, J)])
     shown += random.normal(size=shown.shape) * (1e-3, 0.1)
     rows = np.arange(n)
     return stretch_of(name, MOTOR, t, u, {"th": (rows, shown[:, 0]), "w": (rows, shown[:, 1])})
