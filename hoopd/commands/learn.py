@@ -58,6 +58,10 @@ def learn(options: LearnOptions) -> None:
             result = run(options, progress, lambda text: _asked_for(text, options, progress))
         except StepError as error:
             raise InputError(options.out, "", str(error)) from None
+        except KeyboardInterrupt:
+            with progress.hidden():
+                typer.echo(f"interrupted: {options.out} keeps what is done, and the same command goes on", err=True)
+            raise
     finish(result, options.json_path, {key: value for key, value in result.items() if key != "beliefs"})
     raise typer.Exit(0 if result["settled"] else 1)
 

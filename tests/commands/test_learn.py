@@ -152,6 +152,19 @@ def test_what_was_broken_off_goes_on_and_loses_nothing(tmp_path: Path, monkeypat
     assert all(path.read_bytes() == data for path, data in before.items() if path.name not in told_anew)
 
 
+def test_who_interrupts_is_told_where_it_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command.Steps, "command", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        command.learn(options(tmp_path))
+    told = " ".join(capsys.readouterr().err.split())
+    assert told.endswith("campaign keeps what is done, and the same command goes on")
+
+
 def test_a_recording_that_nobody_finished_is_kept_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "campaign" / "run_01"
     steps = played(monkeypatch, said(), said(), said(), said())
