@@ -97,7 +97,7 @@ def condensed(rows: Rows) -> Rows:
     every = np.concatenate([rows.base, rows.effect[:, None], *(z for _, z in rows.rivals)], axis=1)
     if len(every) <= every.shape[1]:
         return rows
-    few = np.linalg.qr(every, mode="r")
+    few = np.asarray(np.linalg.qr(every, mode="r"))
     ends = rows.base.shape[1] + 1 + np.cumsum([0, *(z.shape[1] for _, z in rows.rivals)])
     members = [member for member, _ in rows.rivals]
     rivals = tuple((member, few[:, a:b]) for member, (a, b) in zip(members, pairwise(ends), strict=True))
