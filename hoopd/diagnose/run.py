@@ -74,6 +74,7 @@ from hoopd.diagnose.search.naming import Named, leave_out_worthless, name_effect
 from hoopd.diagnose.search.processes import side_by_side
 from hoopd.diagnose.search.simpler_names import tell_simply
 from hoopd.diagnose.search.surprise import THRESHOLD
+from hoopd.files.reading import InputError
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
@@ -155,7 +156,7 @@ def diagnose(case: Case) -> Outcome:
 def _diagnosed(case: Case) -> Outcome:
     train, held = stretches_of(case.train), stretches_of(case.heldout)
     case.progress("base parameters")
-    nominal = fit(train, case.effects, case.values, move=False)
+    nominal = _as_given(case, train)
     data, nominal, base = training(case, train, nominal)
     data_held = proving(held, base, case.settings.threshold)
     named = name_effects(data.kept, case.library, nominal, base, case.settings)
@@ -286,6 +287,15 @@ def _with_mechanisms(case: Case, named: Named, data: CountedData, wanted: Sequen
     tell_simply(named, judge, wanted)
     leave_out_worthless(named, judge)
     return {**case.library, **{one.effect.name: one.effect for one in named.accepted}}
+
+
+def _as_given(case: Case, train: Sequence[Stretch]) -> HypothesisFit:
+    """The fit with the parameters as given; InputError where the model's equations are no numbers there."""
+    nominal = fit(train, case.effects, case.values, move=False)
+    if not np.isfinite(nominal.criterion):
+        reason = "no number, or no slope, where these recordings are (a square root of nothing?)"
+        raise InputError(case.model, "equations", f"{reason}: sqrt(max(h, 0.001)) has both")
+    return nominal
 
 
 def training(

@@ -244,7 +244,8 @@ def _begins(t: Array, u: Array, slew: float) -> Array:
 
 
 def first_states(stretch: Stretch) -> Array:
-    """(n, nx) positions and rates by local parabolas through the readings; no model."""
+    """(n, nx) positions, rates and what stores hold by local parabolas through the readings; no model. A store that no
+    channel reads is empty."""
     plant, t = stretch.plant, stretch.t
     x = np.zeros((len(t), len(plant.states)))
     for i, q in enumerate(plant.coordinates):
@@ -256,6 +257,10 @@ def first_states(stretch: Stretch) -> Array:
         if rate is not None:
             x[:, 2 * i + 1] = _parabolas(t, rate)[0]
             x[:, 2 * i] = np.concatenate([[0.0], np.cumsum(x[:-1, 2 * i + 1] * np.diff(t))])
+    for i, name in enumerate(plant.first_order, start=2 * len(plant.coordinates)):
+        column = _reading(stretch, name)
+        if column is not None:
+            x[:, i] = _parabolas(t, column)[0]
     return x
 
 
