@@ -24,6 +24,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.plant_fit import ChannelFit, PlantFit, channel_fits, fit_plant, fit_starts
 from hoopd.plants.fits.plant_runs import PlantSystem
 from hoopd.plants.fits.plant_simulation import simulate_plant
+from hoopd.plants.fits.undetermined import direction_sentence
 from hoopd.plants.likelihood.stretches import read_too_rarely
 from hoopd.plants.plant_file import parse_plant
 from hoopd.plants.plant_model import PROGRAM, PlantModel, plant_model_text, with_parameters
@@ -142,7 +143,7 @@ def _record(
                 "nominal": start.values[name],
             }
             for name in start.values
-            if name in found.intervals or found.system.changed.get(name, start.values[name]) != start.values[name]
+            if name in found.names or found.system.changed.get(name, start.values[name]) != start.values[name]
         },
         "start": {name: float(value) for name, value in zip(plant.states, solution.starts[0], strict=True)},
         "fit": {
@@ -185,6 +186,7 @@ def _notes(found: PlantFit) -> list[str]:
         low, high = bounds.get(name, (-inf, inf))
         if found.values[name] in (low, high):
             notes.append(f"{name} is on its bound: its interval says nothing")
+    notes += [direction_sentence(one) for one in found.undetermined]
     memory = found.uncertainty.memory if found.uncertainty is not None else {}
     if coloured := [channel for channel, order in memory.items() if order]:
         notes.append(

@@ -6,7 +6,7 @@ Rules of this file: from fits to records; a verdict is a table, not a judgement 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import pi
+from math import inf, pi
 
 import numpy as np
 from msgspec.structs import replace
@@ -44,6 +44,7 @@ from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.grammar.shapes import BEGAN
 from hoopd.plants.effects.vocabulary import known_effects
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.priors import ranges
 from hoopd.plants.likelihood.recording_parameters import values_of
 from hoopd.plants.likelihood.stretch_scatter import interval
 
@@ -66,11 +67,13 @@ def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown 
 def base_of(model: str, named: Named, final: HypothesisFit) -> Base:
     """Re-estimated base parameters beside the effects of `final`; of effects that the base has: `slot.effect.name`."""
     units = _units(final) | {e.key(p.name): p.unit for e in named.base.effects for p in e.parameters}
+    bounds = ranges(final.effects, final.tracks)
     return Base(
         model=model,
         parameters={
             name: Quantity(
-                value=final.values[name], unit=units.get(name, ""), ci95=interval(final, name),
+                value=final.values[name], unit=units.get(name, ""),
+                ci95=_within(interval(final, name), *bounds.get(name, (-inf, inf))),
                 nominal=named.nominal.values[name],
             )
             for name in final.free
@@ -105,6 +108,10 @@ def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
                 nominal=neutral,
             )  # fmt: skip
     return out
+
+
+def _within(found: tuple[float, float] | None, low: float, high: float) -> tuple[float, float] | None:
+    return None if found is None else (max(found[0], low), min(found[1], high))
 
 
 def _possible(found: tuple[float, float] | None, p: EffectParameter) -> tuple[float, float] | None:

@@ -26,13 +26,13 @@ from msgspec.structs import replace
 from hoopd.diagnose.curves.missing_force import missing_force
 from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding, Evidence, Location, Quantity, Unexplained
 from hoopd.diagnose.report_curves import MissingForce
-from hoopd.diagnose.search.bounded_disturbance import FAR_BEYOND, far_beyond
+from hoopd.diagnose.search.bounded_disturbance import FAR_BEYOND, far_beyond, usual_noise
 from hoopd.diagnose.search.candidates import Judge, Tried
 from hoopd.diagnose.search.naming import MOST_REFITS, NOT_EXCLUDED_NATS, Named
 from hoopd.plants.effects.usual_sizes import turns
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
-from hoopd.plants.likelihood.noise_tuning import FORCE_FACTOR, first_noise
+from hoopd.plants.likelihood.noise_tuning import FORCE_FACTOR
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plots.number_format import listed, value_text
 
@@ -186,7 +186,7 @@ def large_disturbance(named: Named, judge: Judge) -> LargeDisturbance | None:
 def held_to_usual(found: HypothesisFit, lasting: Sequence[Size]) -> HypothesisFit:
     """The same hypothesis with the disturbances of `lasting` at most FAR_BEYOND times the usual, the others and the
     noise of the readings as large as they like."""
-    usual, most, noise = first_noise(found.tracks, found.values), {}, {}
+    usual, most, noise = usual_noise(found), {}, {}
     capped = {(one.track.stretch.recording, one.state) for one in lasting}
     for recording, level in found.noise.items():
         plant = next(track.stretch.plant for track in found.tracks if track.stretch.recording == recording)
@@ -199,7 +199,7 @@ def held_to_usual(found: HypothesisFit, lasting: Sequence[Size]) -> HypothesisFi
 
 def _lasting(found: HypothesisFit) -> Iterator[Size]:
     """Disturbances of a known usual size that last for more than a few readings of what they move."""
-    usual = first_noise(found.tracks, found.values)
+    usual = usual_noise(found)
     for recording, noise in found.noise.items():
         tracks = [track for track in found.tracks if track.stretch.recording == recording]
         plant = tracks[0].stretch.plant

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.level_directions import told
 from hoopd.plots.number_format import listed
 
 # As shares of the values: what is told no better together, of parameters each of which is told as well alone.
@@ -41,13 +42,14 @@ def told_together(found: HypothesisFit) -> Together | None:
     Together, optional
         None where each is told by itself.
     """
-    rows = found.stacked()[:, 1:]
-    # changes by shares of the values, and of each alone how well it is seen
-    shares = rows * np.abs([found.values[name] for name in found.free])
-    seen = [i for i, length in enumerate(np.linalg.norm(shares, axis=0)) if length * ALONE > 1.0]
+    size = np.abs([found.values[name] for name in found.free])
+    # by shares of the values, and of each alone how well it is seen
+    shares = told(found) * np.outer(size, size)
+    alone = np.linalg.norm(found.stacked()[:, 1:], axis=0) * size
+    seen = [i for i, length in enumerate(alone) if length * ALONE > 1.0]
     if len(seen) < 2:
         return None
-    values, vectors = np.linalg.eigh(shares[:, seen].T @ shares[:, seen])
+    values, vectors = np.linalg.eigh(shares[np.ix_(seen, seen)])
     untold = values * TOGETHER**2 <= 1.0
     part = np.linalg.norm(vectors[:, untold], axis=1)
     names = [found.free[i] for i, own in zip(seen, part, strict=True) if own > BELONGS * part.max()]

@@ -22,17 +22,31 @@ from hoopd.plants.likelihood.noise_tuning import first_noise
 
 # Disturbances this many times the usual one are far beyond it.
 FAR_BEYOND = 3.0
+# No less than this share of what the drive does is usual: a plant that is held against its weight moves slowly, and
+# what its coil is off by is a share of the weight.
+DRIVEN_SHARE = 0.01
+
+
+def usual_noise(found: HypothesisFit) -> dict[str, Noise]:
+    """By recording: disturbances of a usual size, by how the plant usually moves and by what drives it."""
+    usual = first_noise(found.tracks, found.values)
+    for track in found.tracks:
+        known = usual[track.stretch.recording]
+        driven = DRIVEN_SHARE * track.driven(found.values) / track.mobility(found.values)
+        force = np.maximum(known.force, np.pad(driven, (0, len(known.force) - len(driven))))
+        usual[track.stretch.recording] = known._replace(force=force)
+    return usual
 
 
 def far_beyond(found: HypothesisFit) -> bool:
     """Whether any recording's disturbances are far beyond the usual."""
-    usual = first_noise(found.tracks, found.values)
+    usual = usual_noise(found)
     return any(bool(np.any(noise.force > FAR_BEYOND * usual[name].force)) for name, noise in found.noise.items())
 
 
 def stiffened(found: HypothesisFit) -> HypothesisFit:
     """The same hypothesis on the same stretches, fitted with disturbances that are not beyond the usual."""
-    usual = first_noise(found.tracks, found.values)
+    usual = usual_noise(found)
     noise = {name: _no_more(one, usual[name]) for name, one in found.noise.items()}
     stretches = [track.stretch for track in found.tracks]
     return fit(stretches, found.effects, found.values, like=found, noise=noise, free=found.free, tune_noise=False)
@@ -59,7 +73,7 @@ def _again(origin: HypothesisFit, free: Sequence[str]) -> HypothesisFit:
 
 def unexplained_sentences(found: HypothesisFit) -> list[str]:
     """A line for each disturbance that is far beyond the usual: so much force is explained by nothing."""
-    usual, out = first_noise(found.tracks, found.values), []
+    usual, out = usual_noise(found), []
     plants = {track.stretch.recording: track.stretch.plant for track in found.tracks}
     for recording, noise in found.noise.items():
         plant, least = plants[recording], usual[recording].force

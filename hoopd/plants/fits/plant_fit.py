@@ -21,6 +21,7 @@ from hoopd.plants.fits.plant_runs import PlantSystem, prepare_runs, stretches_of
 from hoopd.plants.fits.robust_least_squares import LOSSES
 from hoopd.plants.fits.runs import Run
 from hoopd.plants.fits.uncertainty import Uncertainty, intervals, uncertainty
+from hoopd.plants.fits.undetermined import Direction, data_covariance
 from hoopd.plants.likelihood.fitting import fit as fit_likelihood
 from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.stretch_scatter import half_widths
@@ -64,10 +65,17 @@ class PlantFit:
     names: tuple[str, ...]  # what was fitted
     values: Mapping[str, float]  # every parameter
     nominal: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]  # 95 %, of the fitted ones
+    intervals: Mapping[str, tuple[float, float]]  # 95 %, of the fitted ones that are determined
     solution: Solution  # free runs at the values found
     uncertainty: Uncertainty | None  # of an output-error fit with parameters
     runs: tuple[Run, ...]
+
+    @property
+    def undetermined(self) -> list[Direction]:
+        """Relative changes of the fitted parameters that the data of an output-error fit hardly notice."""
+        if self.uncertainty is None:
+            return []
+        return data_covariance(self.solution, self.uncertainty).directions(self.names)
 
     @property
     def fitted(self) -> PlantSystem:
@@ -211,9 +219,9 @@ def _by_free_runs(
         raise ArithmeticError("the free run leaves every bound")
     known = uncertainty(solution, loss) if names else None
     ends = intervals(solution, known) if known is not None else {}
-    return PlantFit(
-        system, "output", names, solution.values, system.nominal, ends, solution, known, tuple(runs)
-    )  # fmt: skip
+    found = PlantFit(system, "output", names, solution.values, system.nominal, ends, solution, known, tuple(runs))
+    untold = {name for direction in found.undetermined for name in direction.shown}
+    return replace(found, intervals={name: one for name, one in ends.items() if name not in untold})
 
 
 def _near(

@@ -198,6 +198,25 @@ class Track:
         here = ca.Function("mobility", [force], [ca.densify(by_force)])(0.0)
         return np.abs(np.diag(here.full()))
 
+    def driven(self, values: Mapping[str, float]) -> Array:
+        """(coordinates,) RMS of what the inputs add to the acceleration of each, along the reference."""
+        plant, values = self.stretch.plant, self.local(values)
+        if not plant.inputs or not plant.coordinates:
+            return np.zeros(len(plant.coordinates))
+        x, u, t = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs)), ca.SX.sym("t")
+
+        def acceleration(u: ca.SX) -> ca.SX:
+            force, given = ca.SX.zeros(len(plant.coordinates)), ca.vertsplit(u)
+            for one, size in zip(plant.inputs, given, strict=True):
+                if one.coordinate:
+                    force[plant.coordinates.index(one.coordinate)] += size
+            return plant.accelerations(plant.point(x, values, given if len(given) > 1 else u, t), force)
+
+        law = ca.Function("driven", [x, u, t], [ca.densify(acceleration(u) - acceleration(ca.SX.zeros(*u.shape)))])
+        inputs = np.column_stack([self.stretch.u, self.stretch.others])
+        rows = law(self.z[:-1, : len(plant.states)].T, inputs.T, self.stretch.t[None, :-1]).full()
+        return np.asarray(np.sqrt(np.mean(np.nan_to_num(rows, posinf=0.0, neginf=0.0) ** 2, axis=1)))
+
     # ------------------------------------------------------------------------------------------ linear
 
     def columns(self, values: Mapping[str, float], free: Sequence[str]) -> Columns:

@@ -33,6 +33,7 @@ from scipy.special import gammaincinv, stdtrit
 
 from hoopd.ident.normal import Z95
 from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.level_directions import told
 from hoopd.plants.likelihood.priors import inverse, prior
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.scales import motion_scale
@@ -45,6 +46,8 @@ STRETCH_S = 2.0
 JOINED = 2
 # Of fewer stretches that tell about a parameter nothing is said of its scatter.
 FEWEST = 4.0
+# Of what tells each parameter alone, what at least tells any direction: none is known by nothing.
+LEAST_TOLD = 1e-12
 # How often the scatter of a right model is taken for more.
 CHANCE = 0.05
 LEVEL = 0.95
@@ -92,13 +95,24 @@ def half_widths(found: HypothesisFit) -> dict[str, float]:
     dict of str to float
         By name, in the parameter's unit: never below what the information alone says.
     """
-    plain = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     if not found.free:
         return {}
     weight, centre = prior(found.effects, found.tracks, found.free, found.values)
     pieces = [_pieces(track, rows) for track, rows in zip(found.tracks, found.rows, strict=True)]
-    widths = widest(plain, pieces, np.diag(weight), weight * centre)
+    widths = widest(_deviations(found, weight), pieces, np.diag(weight), weight * centre)
     return dict(zip(found.free, np.hypot(widths, Z95 * _of_held(found)).tolist(), strict=True))
+
+
+def _deviations(found: HypothesisFit, weight: Array) -> Array:
+    """(m,) standard deviations by the information alone, as the fit has them but for what levels seem to tell."""
+    information = told(found)
+    rows = found.stacked()[:, 1:]
+    if np.array_equal(information, rows.T @ rows):
+        return np.asarray(np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
+    whole = information + np.diag(weight)
+    size = np.sqrt(np.maximum(np.diag(rows.T @ rows) + weight, 1e-300))
+    values, vectors = np.linalg.eigh(whole / np.outer(size, size))
+    return np.asarray(np.sqrt(np.sum(vectors**2 / np.maximum(values, LEAST_TOLD), axis=1)) / size)
 
 
 def widest(plain: Array, tracks: Sequence[Sequence[StretchShare]], ridge: Array, pull: Array) -> Array:
