@@ -41,10 +41,10 @@ WAVES = tuple(float(n) for n in range(1, 37))
 ALWAYS, BEGAN = 1e9, "began"
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
-# Waves over what does not turn: so many in the range of the variable.
-WAVES_IN_RANGE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-# Over the time a beat is coherent: one of half a turn more is another one. Plain waves over the time are asked for at
-# few frequencies: a disturbance of another colour than is believed shows at some frequency or other.
+# Over what does not turn a wave is coherent: one of half a wave more in the range is another one. So many waves over the
+# time, over a length (the pitch of a screw, of a rail), and beats over the time.
+WAVES_IN_TIME = tuple(0.5 * k for k in range(2, 33))
+WAVES_IN_RANGE = tuple(0.5 * k for k in range(2, 49))
 BEATS_IN_TIME = tuple(0.5 * k for k in range(2, 41))
 # A beat drops within a few samples: of its harmonics the k-th is this to the power k of a saw-tooth's.
 DROP = 0.9
@@ -123,7 +123,7 @@ def _waves(axis: Axis, v: Array) -> list[Constants]:
         return [{"n": float(n)} for n in _scales(axis.scale_share, float(np.ptp(v)))]
     if axis.turning:
         return [{"n": n} for n in WAVES]
-    return _periods(v, WAVES_IN_RANGE)
+    return _periods(v, WAVES_IN_TIME if axis.kind == TIME else WAVES_IN_RANGE)
 
 
 def _beats(axis: Axis, v: Array) -> list[Constants]:
