@@ -404,7 +404,7 @@ def test_a_beat_is_fitted_from_several_frequencies_and_the_best_fit_counts(monke
 
     monkeypatch.setattr(mechanism_search, "tried_all", told)
     judge: Any = None
-    (best,) = mechanism_search._best_fits(judge, screen, [mechanism_search._score(starts[0], about)])
+    (best,) = mechanism_search._best_fits(judge, screen, [mechanism_search.score_of_proposal(starts[0], about)])
     assert best.score.start[beat.effect.key("n")] == frequencies[1]
 
 

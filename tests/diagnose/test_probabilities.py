@@ -27,7 +27,7 @@ from hoopd.diagnose.proof.probabilities import (
     too_small,
 )
 from hoopd.diagnose.proof.remainder import Remainder, explained, held_back
-from hoopd.diagnose.proof.rivals_in_place import EffectTakenOut, nearest
+from hoopd.diagnose.proof.rivals_in_place import NEARLY_NATS, EffectTakenOut, nearest
 from hoopd.diagnose.record import NONE_OF_THESE
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
@@ -191,6 +191,18 @@ def test_what_was_refitted_in_a_place_counts_as_it_was_fitted_and_what_folds_ref
     assert fitted[rival].worth > 0.5 * fitted[name].worth and not fitted[rival].alike
     found.refused = {name: (rival,)}
     assert worths(found)[rival].worth == 0.0
+
+
+def test_what_only_the_screen_has_as_likely_as_the_name_is_refitted_and_takes_no_more_than_it_gains_then() -> None:
+    """A screen is linear about a reference that has the name in it: here it has another law as good as the name."""
+    found, rival = named("hoop.coulomb_friction"), "hoop.threshold_of_dtheta"
+    place = EffectTakenOut(found, found.accepted[0], EFFECTS, [mechanisms(PLANT)[rival]])
+    (proposed,) = (one for one in place.grammar.proposals if one.effect.name == rival)
+    before = {one.name: one.worth for one in place.options(12.0)}
+    assert 20.0 < before[rival] < before["hoop.coulomb_friction"] - NEARLY_NATS
+    place.__dict__["_proposed"] = {rival: replace(proposed, gain=proposed.gain + 1e3, surprise=proposed.surprise + 1e3)}
+    told_anew = {one.name: one.worth for one in place.options(12.0)}
+    assert told_anew[rival] < 12.0 and told_anew["hoop.coulomb_friction"] == before["hoop.coulomb_friction"]
 
 
 def test_what_holds_a_name_in_it_is_alike_and_parameters_are_as_likely_as_a_name_that_just_passes() -> None:

@@ -231,7 +231,12 @@ def test_that_none_of_the_known_laws_is_likely_stands_in_the_table_and_so_do_oth
         rows = tables.effects(msgspec.structs.replace(told, candidates=few)).rows
         assert all(row[0] != "no known law, in a place at least" for row in rows)
     with_it = msgspec.structs.replace(likely[1], counted_with="hoop.coulomb_friction")
-    alike = words.likely_sentence(msgspec.structs.replace(told, candidates=[likely[0], with_it]))
+    counted = msgspec.structs.replace(told, candidates=[likely[0], with_it])
+    own = msgspec.structs.replace(counted.effects[0], probability=0.6)
+    plain = plain_words.plain_sentence(msgspec.structs.replace(counted, effects=[own]))
+    assert "that it is hoop.coulomb_friction (or hoop.dahl, which nothing here tells from it) is 60 % likely" in plain
+    assert "are mostly a law that is not known here" in plain
+    alike = words.likely_sentence(counted)
     assert alike.endswith(
         "In what is said of hoop.coulomb_friction, because nothing here tells them apart: hoop.dahl (39 %)."
     )

@@ -1,9 +1,10 @@
 """What could stand in the place of a named effect, and how likely each of it is.
 
 Beside everything else that was named, along the final fit's trajectories, the whole library and the whole grammar are
-screened in the effect's place; what was refitted there counts as it was fitted. Gains are told the colour that the
-residual has along the named effect's own change. Screens keep the final fit's noise, where a refit without the effect
-takes more of it: their gains are scaled so that the named effect gains in them what it lost when it was taken out.
+screened in the effect's place; what was refitted there counts as it was fitted, and what the screen has nearly as
+likely as the name is refitted. Gains are told the colour that the residual has along the named effect's own change.
+Screens keep the final fit's noise, where a refit without the effect takes more of it: their gains are scaled so that
+the named effect gains in them what it lost when it was taken out.
 What lies less than a nat apart from it is no rival but another word.
 
 Rules of this file: screens and their geometry; how gains become probabilities stands in `probabilities`.
@@ -12,6 +13,7 @@ Rules of this file: screens and their geometry; how gains become probabilities s
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -22,9 +24,10 @@ from hoopd.diagnose.proof.not_excluded import late_together
 from hoopd.diagnose.proof.probabilities import Option
 from hoopd.diagnose.proof.separation import own_columns, without_effect
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
-from hoopd.diagnose.search.candidates import Tried, columns_of, surprise_of
+from hoopd.diagnose.search.candidates import Judge, Settings, Tried, columns_of, surprise_of
 from hoopd.diagnose.search.chance import colour
 from hoopd.diagnose.search.mechanism_screen import COLOURED, MechanismScreen, ProposedMechanism
+from hoopd.diagnose.search.mechanism_search import score_of_proposal
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.screen import Screen, best_scores, orthonormal, whitened_changes
 from hoopd.diagnose.search.surprise import surprise
@@ -39,6 +42,8 @@ Array = NDArray[np.float64]
 MOST_NEAR = 2 * COLOURED
 # Less than this between two explanations, and nothing tells them apart.
 ALIKE_NATS = 1.0
+# What a screen has in the place within so many nats of the name is refitted, at most so many.
+NEARLY_NATS, MOST_REFITTED = 3.0, 4
 # A name of the library is near when it makes this share of the squared change.
 NEAR_COSINE = 0.5
 
@@ -69,6 +74,7 @@ class EffectTakenOut:
         seen: dict[str, Option] = {}
         for option in found:
             seen.setdefault(option.name, option)
+        seen |= {one.name: one for one in self._refitted_now(seen)}
         # without any evidence, parameters are as likely as a name that just passes
         curves = beside_base.curves[:1] if beside_base is not None else []
         return [*seen.values(), Option(PARAMETERS, threshold), *(Option(NONE_OF_THESE, c.surprise) for c in curves)]
@@ -122,6 +128,22 @@ class EffectTakenOut:
             elif (proposed := self._proposed.get(name)) is not None:
                 alike = not proposed.mechanism.textbook and abs(behind) < ALIKE_NATS
                 yield Option(name, self._worth(proposed, gain), alike)
+
+    def _refitted_now(self, screened: Mapping[str, Option]) -> Iterator[Option]:
+        """What only a screen has in its place, nearly as likely as the name or likelier: it is linear about a reference
+        that has the name in it, and a scale of all that moves is like whatever moves it."""
+        one, judge = self.one, Judge(self.stretches, self.library, Settings())
+        known = {one.effect.name, *(name for name, _ in self.named.rivals.get(one.effect.name, ()))}
+        least = screened[one.effect.name].worth - NEARLY_NATS
+        near = [each for each in screened.values() if each.name not in known and not each.alike and each.worth > least]
+        scores = {score.member.effect.name: score for score in self.screen.scores()}
+        without = self.named.without[one.effect.name]
+        for each in sorted(near, key=lambda each: -each.worth)[:MOST_REFITTED]:
+            proposed = self._proposed.get(each.name)
+            score = scores[each.name] if proposed is None else score_of_proposal(proposed, without)
+            gain = max(judge.tried(without, replace(score, origin=without)).gain, 0.0)
+            worth = self._refitted_worth(each.name, gain) if proposed is None else self._worth(proposed, gain)
+            yield each._replace(worth=min(each.worth, worth))
 
     def _refitted_worth(self, name: str, gain: float) -> float:
         """Of a name that was fitted: what was looked at to find it (the times of a push) is many things."""

@@ -47,8 +47,15 @@ def _sentence(effect: EffectFinding, diagnosis: Diagnosis, again: bool) -> str:
         return f"{there}; of the known laws {name} describes it best."
     if law > TOLD:
         return f"{there}; which law it follows is known, too: {name}, {chance(law)} likely."
+    alike = [
+        safe(one.name)
+        for one in sorted(diagnosis.candidates, key=lambda one: -(one.probability or 0.0))
+        if one.counted_with == effect.name and (one.probability or 0.0) >= LEAST_LIKELY
+    ]
+    which = f"{name} (or {listed(alike[:RIVALS], 'or')}, which nothing here tells from it)" if alike else name
     return (
-        f"{there}; that it is {name} is {chance(law)} likely, the other {chance(1.0 - law)} {_rest(effect, diagnosis)}."
+        f"{there}; that it is {which} is {chance(law)} likely, the other {chance(1.0 - law)} "
+        f"{_rest(effect, diagnosis)}."
     )
 
 
@@ -69,7 +76,8 @@ def _rest(effect: EffectFinding, diagnosis: Diagnosis) -> str:
     Without numbers: those of the candidates count whatever acts beside it, too, and add up to more.
     """
     named = {one.name for one in diagnosis.effects}
-    likely = [(one.probability or 0.0, one.name) for one in diagnosis.candidates if one.name not in named]
+    others = [one for one in diagnosis.candidates if one.name not in named and one.counted_with != effect.name]
+    likely = [(one.probability or 0.0, one.name) for one in others]
     here = sorted(one for one in likely if one[1].partition(".")[0] == effect.slot and one[0] >= LEAST_LIKELY)
     rivals = [name for _, name in here[::-1][:RIVALS]]
     none = next((value for value, name in likely if name == NONE_OF_THESE), 0.0)

@@ -159,7 +159,7 @@ def _best_fits(
     starts: dict[str, list[Score]] = {}
     for score in scores:
         others = screen.other_starts(proposed[score.member.effect.name])
-        starts[score.member.effect.name] = [score, *(_score(one, about) for one in others)]
+        starts[score.member.effect.name] = [score, *(score_of_proposal(one, about) for one in others)]
     for score in held:
         starts.setdefault(score.member.effect.name, []).append(score)
     fitted = iter(tried_all(judge, about, [one for some in starts.values() for one in some]))
@@ -243,7 +243,7 @@ def _worth(score: Score) -> float:
 
 def _scores(screen: MechanismScreen, about: HypothesisFit) -> list[Score]:
     """Proposals as scores: what they cost, and the residual's colour, are so many more places looked at."""
-    found = [_score(one, about) for one in screen.proposals]
+    found = [score_of_proposal(one, about) for one in screen.proposals]
     return sorted(found, key=lambda one: -_worth(one))
 
 
@@ -256,12 +256,13 @@ def _held_scores(about: HypothesisFit, mechanisms: Sequence[Mechanism], judge: J
     judge.settings.progress("screening mechanisms with usual disturbances")
     held = stiffened(about)
     left = left_variance(held)
-    found = [_score(one, held, left) for one in MechanismScreen(held, mechanisms, level=False).proposals]
+    found = [score_of_proposal(one, held, left) for one in MechanismScreen(held, mechanisms, level=False).proposals]
     return sorted(found, key=lambda one: -_worth(one))[:MOST_HELD]
 
 
-def _score(one: ProposedMechanism, about: HypothesisFit, left: float | None = None) -> Score:
-    """`left`: variance of the rows about which it was screened, where they are not whitened by a likeliest noise."""
+def score_of_proposal(one: ProposedMechanism, about: HypothesisFit, left: float | None = None) -> Score:
+    """A proposal as what a fit begins with; `left`: variance of the rows about which it was screened, where they are
+    not whitened by a likeliest noise."""
     member, gain = Member(one.effect, dict(one.constants), ()), one.gain / (left or 1.0)
     worth = one.worth if left is None else surprise(gain, one.columns, one.looked_at) - one.cost
     places = exp(min(-log_chance(gain, one.columns) - worth, 600.0))

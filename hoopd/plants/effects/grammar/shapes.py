@@ -41,8 +41,8 @@ WAVES = tuple(float(n) for n in range(1, 37))
 ALWAYS, BEGAN = 1e9, "began"
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
-# Over what does not turn a wave is coherent: one of half a wave more in the range is another one. So many waves over the
-# time, over a length (the pitch of a screw, of a rail), and beats over the time.
+# Over what does not turn a wave is coherent: one of half a wave more in the range is another one. So many waves over
+# the time, over a length (the pitch of a screw, of a rail), and beats over the time.
 WAVES_IN_TIME = tuple(0.5 * k for k in range(2, 33))
 WAVES_IN_RANGE = tuple(0.5 * k for k in range(2, 49))
 BEATS_IN_TIME = tuple(0.5 * k for k in range(2, 41))
