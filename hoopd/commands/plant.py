@@ -116,7 +116,9 @@ def _effects(plant: Plant) -> dict[str, list[str]]:
 def _notes(plant: Plant) -> list[str]:
     notes = []
     if unread := [name for name in (*plant.coordinates, *plant.first_order) if name not in plant.states_read]:
-        notes.append(f"no channel reads {', '.join(unread)} itself")
+        notes.append(
+            f"no channel reads {', '.join(unread)} itself: where parameters can make up for its scale, hold one of them"
+        )
     if not plant.free:
         notes.append("no parameter is free: a fit finds the start alone")
     if missing := [one.name for one in plant.inputs if one.limit is None]:

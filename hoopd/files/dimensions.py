@@ -125,9 +125,18 @@ def _product(text: str) -> Unit:
     for term in terms:
         match = _TERM.fullmatch(term)
         if match is None or match[1] not in UNITS:
-            raise ValueError(f"unknown unit {term!r}" if term else "a unit is missing")
+            raise ValueError(f"unknown unit {term!r}{_meant(term)}" if term else "a unit is missing")
         unit = unit * UNITS[match[1]] ** int(match[2] or 1)
     return unit
+
+
+def _meant(term: str) -> str:
+    """Two units that somebody wrote together; empty where it is none."""
+    for end in range(1, len(term)):
+        rest = _TERM.fullmatch(term[end:])
+        if term[:end] in UNITS and rest is not None and rest[1] in UNITS and rest[1] != "1":
+            return f": is it '{term[:end]} {term[end:]}'?"
+    return ""
 
 
 def product_text(*parts: tuple[str, int]) -> str:
@@ -204,7 +213,8 @@ class _Walk:
 def _differ(unit: Unit, wanted: Unit, part: Node) -> str:
     if isinstance(part, Number):
         return f"a number beside what is in {wanted}: make it a parameter with a unit"
-    return f"this is in {unit}, what it is added to or compared with in {wanted}"
+    alike = " (equations convert no prefixes: give it in plain units)" if unit.same_kind(wanted) else ""
+    return f"this is in {unit}, what it is added to or compared with in {wanted}{alike}"
 
 
 def _mapped(law: Callable[[Unit], Unit], unit: Unit | None) -> Unit | None:

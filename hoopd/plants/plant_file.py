@@ -38,7 +38,7 @@ MOST = {"coordinates": 8, "states": 20, "inputs": 8, "parameters": 100, "channel
 # What a point of the plant calls its own.
 RESERVED: Mapping[str, str] = {
     **dict.fromkeys(FUNCTIONS, "a function of equations"), **dict.fromkeys(CONSTANTS, "a constant of equations"),
-    "t": "the time", "u": "the first input, whatever it is called (say it as F, V or u1)", "p": "all parameters",
+    "t": "the time", "u": "what laws call the first input of any plant (say F, V or u1)", "p": "all parameters",
     "replaced": "a word of the program",
 }  # fmt: skip
 LENGTH, ANGLE = "m", "rad"
@@ -206,7 +206,9 @@ class _Maker:
                 check_unit(path, f"{key}.{name}", one.unit)
         for name, one in self._coordinates.items():
             if one.unit not in USUAL_RATE:
-                raise InputError(path, f"coordinates.{name}", f"must be in m or rad, not {one.unit!r}")
+                alike = any(parse_unit(one.unit).same_kind(parse_unit(unit)) for unit in USUAL_RATE)
+                more = "--columns converts readings" if alike else "what has no acceleration stands under states"
+                raise InputError(path, f"coordinates.{name}", f"must be in m or rad, not {one.unit!r} ({more})")
         for name, one in self._parameters.items():
             low, high = one.bounds
             if isnan(low) or isnan(high) or not low < high or not low <= one.value <= high:
