@@ -52,6 +52,8 @@ from hoopd.plants.likelihood.stretch_scatter import interval
 SHOWN = ("nominal", "base", "final", "ceiling", "written")
 # Candidates that were not tried on their own are told of when they are this likely.
 LEAST_TOLD = 0.01
+# An interval so many times as wide as a parameter is large says nothing.
+SAYS_NOTHING = 1e6
 
 
 def verdict_of(named: Named, effects: Sequence[EffectFinding], unknown: Unknown | None, threshold: float) -> Verdict:
@@ -115,8 +117,10 @@ def _within(found: tuple[float, float] | None, low: float, high: float) -> tuple
 
 
 def _possible(found: tuple[float, float] | None, p: EffectParameter) -> tuple[float, float] | None:
-    """The part of an interval in which a parameter can be; None where it is all the way round."""
+    """The part of an interval in which a parameter can be; None where it is all the way round, or says nothing."""
     if found is None or (p.role == "phase" and found[1] - found[0] >= 2.0 * pi):
+        return None
+    if not found[1] - found[0] < SAYS_NOTHING * max(abs(found[0] + found[1]) / 2.0, p.size):
         return None
     return (max(found[0], 0.0) if p.low >= 0.0 else found[0], min(found[1], p.most))
 

@@ -27,6 +27,7 @@ PUSH = library(MOTOR)["external.disturbance"]
         (phase(), (-8.0, 8.0), None),
         (phase(), (pi - 0.2, pi + 0.2), (pi - 0.2, pi + 0.2)),
         (WIDTH, None, None),
+        (PLACE, (-7.6e139, 7.6e139), None),
     ],
 )
 def test_an_interval_holds_what_can_be(
