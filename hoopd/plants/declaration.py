@@ -217,6 +217,8 @@ class Plant:
         Those of `scales` that nobody said, and that follow the recordings.
     middles : mapping of str to float
         Medians of states and inputs in its recordings; what is not named is about zero.
+    ratios : mapping of (str, str) to float
+        (q, other) -> r where what joins two bodies goes by q - r other; not those of 1.
     usual_force : float
         Size of the forces on the first coordinate, for a plant without inputs.
     time_scale_s : float
@@ -269,6 +271,8 @@ class Plant:
     recorded: frozenset[str] = frozenset()  # those of `scales` that nobody said
     # about which values of states and inputs its recordings are; it computes the same with others
     middles: Mapping[str, float] = field(default_factory=dict, metadata=DESCRIBES)
+    # (q, other) -> r: what joins two bodies goes by q - r other, as its equations have it (a gear, a belt)
+    ratios: Mapping[tuple[str, str], float] = field(default_factory=dict, metadata=DESCRIBES)
     usual_force: float = 1.0  # size of the forces on the first coordinate, for a plant without inputs
     time_scale_s: float = 0.02  # usual time between two samples: integration steps and searched delays follow it
     least_size: float | None = None  # of a parameter, in its unit; None: as it is declared
@@ -312,6 +316,12 @@ class Plant:
         """The coordinate that the first input moves: on which it acts, that of its slot, or the only one; empty where
         nobody knows."""
         return self.driven or drive.coordinate or (self.coordinates[0] if len(self.coordinates) == 1 else "")
+
+    def ratio(self, q: str, other: str) -> float:
+        """r of the difference q - r other by which two bodies are joined; 1 where nobody said another."""
+        if (other, q) in self.ratios:
+            return 1.0 / self.ratios[other, q]
+        return self.ratios.get((q, other), 1.0)
 
     @property
     def limit(self) -> float:

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from itertools import combinations
+from math import isclose
 from types import MappingProxyType
 from typing import Any
 
@@ -23,8 +25,10 @@ from hoopd.files.expressions import (
     Expression,
     ExpressionError,
     Name,
+    Operation,
     check_names,
     names_in,
+    parts_of,
     value,
 )
 from hoopd.files.reading import InputError
@@ -113,6 +117,31 @@ class Equations:
         force = ca.Function("force", list(self._symbols.values()), [ca.fabs(self._force[0])])
         size = float(force(*self._near[1]))
         return size if 0.0 < size < np.inf else 1.0
+
+    @property
+    def ratios(self) -> dict[tuple[str, str], float]:
+        """(q, other) -> r where both equations have a difference q - r other in them: the innermost, if it is no plain
+        one."""
+        pairs = combinations(self.coordinates, 2)
+        every = {pair: [self._differences(name, *pair) for name in pair] for pair in pairs}
+        common = {pair: [r for r in one if any(isclose(r, s) for s in other)] for pair, (one, other) in every.items()}
+        return {pair: found[0] for pair, found in common.items() if found and not isclose(found[0], 1.0)}
+
+    def _differences(self, equation: str, q: str, other: str) -> list[float]:
+        """r of all q - r other with constant r in an equation, the innermost first."""
+        found, p = [], ca.vertcat(*self.values.values())
+        x = ca.vertcat(*(self._by_name[name, 0] for name in (q, other)))
+        for side in self._sides[equation]:
+            for node in parts_of(side.root):
+                inside = {(one.name, one.primes) for one in parts_of(node) if isinstance(one, Name)}
+                moving = {one for one in inside if one[0] not in self.values}
+                if not isinstance(node, Operation) or node.name not in "+-" or moving != {(q, 0), (other, 0)}:
+                    continue
+                slopes = ca.jacobian(ca.SX(self._value(Expression(side.text, node))), x)
+                if not ca.depends_on(slopes, self._symbols["x"]):
+                    a, b = ca.Function("slopes", [self._symbols["p"]], [ca.densify(slopes)])(p).full().ravel()
+                    found += [(node.depth, -b / a)] if a and b else []
+        return [float(r) for _, r in sorted(found)]
 
     def viscous(self, coordinate: str) -> str | None:
         """The parameter b of a friction -b q' in a coordinate's equation, where that is all that q' does to it."""

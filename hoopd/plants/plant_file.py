@@ -164,6 +164,7 @@ class _Maker:
             slots=self._slots(channels),
             scales=e.scales,
             usual_force=e.usual_force,
+            ratios=e.ratios,
             time_scale_s=file.sample_time_s,
             energy=energy,
         )

@@ -87,7 +87,11 @@ def rate(plant: Plant, q: str) -> Axis:
 
 
 def relative(plant: Plant, q: str, other: str) -> Iterator[Axis]:
-    """Position and rate of one body against another that it touches."""
+    """Position and rate of one body against another that it touches, or is joined with through a gear."""
+    r = plant.ratio(q, other)
+    if r != 1.0:
+        yield from _geared(plant, q, other, r)
+        return
     if units(plant, q).coordinate != units(plant, other).coordinate:
         return
     mine, its = (plant.judges.words.get(one, one) for one in (q, other))
@@ -99,6 +103,17 @@ def relative(plant: Plant, q: str, other: str) -> Iterator[Axis]:
     yield Axis(f"d{q}_less_d{other}", f"({q}' - {other}')", two.unit, RATE,
                lambda s: getattr(s, f"d{q}") - getattr(s, f"d{other}"), f"the speed of {mine} against {its}",
                coordinates=(q, other))  # fmt: skip
+
+
+def _geared(plant: Plant, q: str, other: str, r: float) -> Iterator[Axis]:
+    one, two, words = position(plant, q), rate(plant, q), f"{q} and {r:.4g} {other}"
+    # what twists a belt does not come back after a turn
+    yield Axis(f"{q}_less_geared_{other}", f"({q} - {r:.4g} {other})", one.unit, POSITION,
+               lambda s: getattr(s, q) - r * getattr(s, other), f"the difference of {words}", False, (q, other),
+               rate=lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"))  # fmt: skip
+    yield Axis(f"d{q}_less_geared_d{other}", f"({q}' - {r:.4g} {other}')", two.unit, RATE,
+               lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"),
+               f"the speed of the difference of {words}", coordinates=(q, other))  # fmt: skip
 
 
 def state(plant: Plant, name: str) -> Axis:

@@ -185,14 +185,17 @@ def _coupled(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
     if any(slot.kind == "rolling_ball" for slot in plant.slots.values()):
         return
     for other in plant.coordinates[plant.coordinates.index(q) + 1 :]:
-        if units(plant, q).coordinate == units(plant, other).coordinate and _is_joined(plant, q, other):
+        r = plant.ratio(q, other)
+        alike = units(plant, q).coordinate == units(plant, other).coordinate
+        if (alike or r != 1.0) and _is_joined(plant, q, other):
             kind = "force" if plant.is_length(q) else "torque"
             words = f"a {kind} between {q} and {other}"
-            pair = ActingPlace(name, FORCE, {q: 1.0, other: -1.0}, plant.disturbance_unit(q), words)
+            pair = ActingPlace(name, FORCE, {q: 1.0, other: -r}, plant.disturbance_unit(q), words)
             place, speed = (_paired(axis) for axis in relative(plant, q, other))
-            # what twists a shaft does not come back after a turn
-            place = replace(place, words=f"the difference of {q} and {other}", turning=False)
-            speed = replace(speed, words=f"the difference of the speeds of {q} and {other}")
+            if r == 1.0:
+                # what twists a shaft does not come back after a turn
+                place = replace(place, words=f"the difference of {q} and {other}", turning=False)
+                speed = replace(speed, words=f"the difference of the speeds of {q} and {other}")
             yield from (Mechanism(pair, place, shape) for shape in shapes_of(place))
             for shape in shapes_of(speed):
                 yield Mechanism(pair, speed, shape, dissipates=shape.odd)
