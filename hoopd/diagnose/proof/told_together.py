@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoopd.plants.likelihood.fitting import HypothesisFit
-from hoopd.plants.likelihood.level_directions import told
+from hoopd.plants.likelihood.level_directions import freed_of_levels
 from hoopd.plots.number_format import listed
 
 # As shares of the values: what is told no better together, of parameters each of which is told as well alone.
@@ -44,8 +44,9 @@ def told_together(found: HypothesisFit) -> Together | None:
     """
     size = np.abs([found.values[name] for name in found.free])
     # by shares of the values, and of each alone how well it is seen
-    shares = told(found) * np.outer(size, size)
-    alone = np.linalg.norm(found.stacked()[:, 1:], axis=0) * size
+    rows, freed = found.stacked()[:, 1:], freed_of_levels(found)
+    shares = (rows.T @ rows if freed is None else freed) * np.outer(size, size)
+    alone = np.linalg.norm(rows, axis=0) * size
     seen = [i for i, length in enumerate(alone) if length * ALONE > 1.0]
     if len(seen) < 2:
         return None

@@ -8,14 +8,15 @@ levels (the filter's gains move along)
 
     g_i = de/dp_i,    d_k = de/dlog(level_k),    G freed of all that D can do
 
-say what is told beside the levels: G'G.
+say what is told beside the levels: G'G. It is the least that is told: what pins the levels themselves is left out.
 
-Rules of this file: a fit in, numbers out; nothing is fitted again.
+Rules of this file: a fit in, numbers out; the fit is not changed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +26,17 @@ from hoopd.plants.likelihood.kalman_filter import Noise, gains
 
 Array = NDArray[np.float64]
 
-# Directions are looked at where one is told by less than this share of what tells each parameter alone; and one is of
-# levels where less than half of what seems to tell it is left without them.
+# Directions are looked at that are told by less than this share of what tells each parameter alone; one is of levels
+# where less than half of what seems to tell it is left without them.
 WEAK, LEFT = 0.01, 0.5
+# Of parameters that are told alone to this share of their values; what rounding leaves tells nothing of a direction.
+ALONE, ROUNDING = 0.2, 1e-10
 # Steps of the differences: of the logarithm of a level, and of a parameter in deviations that it would have alone.
 LEVEL_STEP, STEP = 0.02, 0.1
 
 
-def told(found: HypothesisFit) -> Array:
-    """What the recordings tell of the free parameters.
+def freed_of_levels(found: HypothesisFit) -> Array | None:
+    """The information about the free parameters without what levels alone tell.
 
     Parameters
     ----------
@@ -42,28 +45,44 @@ def told(found: HypothesisFit) -> Array:
 
     Returns
     -------
-    Array, shape (m, m)
-        The products of its rows; where a direction is told by levels alone, of what is left without them.
+    Array of shape (m, m), optional
+        The products of its rows, less what is not left of directions that levels tell; None where they tell none.
     """
     rows = found.stacked()[:, 1:]
+    size = np.linalg.norm(rows, axis=0)
+    seen = [i for i, name in enumerate(found.free) if size[i] * ALONE * abs(found.values[name]) > 1.0]
+    products = rows[:, seen].T @ rows[:, seen]
+    values, vectors = np.linalg.eigh(products / np.outer(size[seen], size[seen]))
+    known = values > ROUNDING
+    if not known.any() or values[known][0] >= WEAK:
+        return None
+    left = _left_without_levels(found, seen, size)
+    if left is None:
+        return None
+    # steps (seen, k) that each tell one, and how much of that is left
+    steps = vectors[:, known] / np.sqrt(values[known]) / size[seen][:, None]
+    shares, turns = np.linalg.eigh(steps.T @ left @ steps)
+    steps = steps @ turns
+    untold = (shares < LEFT) & (np.sum((steps * size[seen][:, None]) ** 2, axis=0) > 1.0 / WEAK)
+    if not untold.any():
+        return None
+    lost = (products @ steps)[:, untold]
     information = rows.T @ rows
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    weakest = _weakest(information, size)
-    if weakest >= WEAK:
-        return np.asarray(information)
-    levels = _of_levels(found)
-    changes = np.column_stack([_by(found, i, STEP / size[i]) * size[i] / STEP for i in range(len(size))])
+    information[np.ix_(seen, seen)] -= (lost * (1.0 - np.maximum(shares[untold], 0.0))) @ lost.T
+    return np.asarray(information)
+
+
+def _left_without_levels(found: HypothesisFit, seen: Sequence[int], size: Array) -> Array | None:
+    """(seen, seen) products of the changes by parameters, freed of what levels do; None where one is no number."""
+    changes = np.column_stack([_by_parameter(found, found.free[i], STEP / size[i]) * size[i] / STEP for i in seen])
+    levels = _by_levels(found)
+    if not (np.isfinite(changes).all() and np.isfinite(levels).all()):
+        return None
     changes -= levels @ np.linalg.lstsq(levels, changes, rcond=None)[0]
-    left = changes.T @ changes
-    return np.asarray(left if _weakest(left, size) < LEFT * weakest else information)
+    return np.asarray(changes.T @ changes)
 
 
-def _weakest(information: Array, size: Array) -> float:
-    """Of all directions the one that is told worst, over what tells each parameter alone; 1 without any."""
-    return float(np.linalg.eigvalsh(information / np.outer(size, size))[0]) if len(size) else 1.0
-
-
-def _of_levels(found: HypothesisFit) -> Array:
+def _by_levels(found: HypothesisFit) -> Array:
     """(rows, k) changes of the whitened innovations by the logarithm of each level of a disturbance."""
     columns = []
     for recording, noise in found.noise.items():
@@ -79,9 +98,8 @@ def _scaled(noise: Noise, j: int, by: float) -> Noise:
     return noise._replace(force=force)
 
 
-def _by(found: HypothesisFit, i: int, step: float) -> Array:
+def _by_parameter(found: HypothesisFit, name: str, step: float) -> Array:
     """(rows,) change of the whitened innovations by a small step of a parameter."""
-    name = found.free[i]
     up, down = (_innovations(found, {}, {name: found.values[name] + d}) for d in (step, -step))
     return np.asarray((up - down) / 2.0)
 
@@ -90,7 +108,8 @@ def _innovations(found: HypothesisFit, noise: Mapping[str, Noise], values: Mappi
     """(rows,) with other levels or parameters, along the same reference."""
     parts = []
     for i, track in enumerate(found.tracks):
-        columns = found.columns[i] if values is None else track.columns({**found.values, **values}, ())
+        # what leads a memory moves the track
+        columns = found.columns[i] if values is None else copy(track).columns({**found.values, **values}, ())
         gain = gains(columns.model, noise.get(track.stretch.recording, found.noise[track.stretch.recording]))
         parts.append(track.whitened(columns, gain)[:, 0])
     return np.concatenate(parts)

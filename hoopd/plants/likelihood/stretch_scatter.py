@@ -33,7 +33,7 @@ from scipy.special import gammaincinv, stdtrit
 
 from hoopd.ident.normal import Z95
 from hoopd.plants.likelihood.fitting import HypothesisFit
-from hoopd.plants.likelihood.level_directions import told
+from hoopd.plants.likelihood.level_directions import freed_of_levels
 from hoopd.plants.likelihood.priors import inverse, prior
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.scales import motion_scale
@@ -105,12 +105,11 @@ def half_widths(found: HypothesisFit) -> dict[str, float]:
 
 def _deviations(found: HypothesisFit, weight: Array) -> Array:
     """(m,) standard deviations by the information alone, as the fit has them but for what levels seem to tell."""
-    information = told(found)
-    rows = found.stacked()[:, 1:]
-    if np.array_equal(information, rows.T @ rows):
+    information = freed_of_levels(found)
+    if information is None:
         return np.asarray(np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
-    whole = information + np.diag(weight)
-    size = np.sqrt(np.maximum(np.diag(rows.T @ rows) + weight, 1e-300))
+    rows, whole = found.stacked()[:, 1:], information + np.diag(weight)
+    size = np.sqrt(np.maximum(np.sum(rows**2, axis=0) + weight, 1e-300))
     values, vectors = np.linalg.eigh(whole / np.outer(size, size))
     return np.asarray(np.sqrt(np.sum(vectors**2 / np.maximum(values, LEAST_TOLD), axis=1)) / size)
 
