@@ -293,7 +293,7 @@ def _as_given(case: Case, train: Sequence[Stretch]) -> HypothesisFit:
     """The fit with the parameters as given; InputError where the model's equations are no numbers there."""
     nominal = fit(train, case.effects, case.values, move=False)
     if not np.isfinite(nominal.criterion):
-        reason = "no number, or no slope, where these recordings are (a square root of nothing?)"
+        reason = "no number, or no slope, along these recordings (a square root of nothing, or of what nobody read?)"
         raise InputError(case.model, "equations", f"{reason}: sqrt(max(h, 0.001)) has both")
     return nominal
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from hoopd.diagnose.proof.probabilities import DENIED, UNLISTED
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding
 
 # Nothing is missing: one signal alone may never have reached what it acts on, and too little is seen in a single run.
@@ -97,13 +98,18 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int, before: Seque
         return Belief((), sure, unknown, missing, _shown(shares))
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
     sure = min(
-        _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown)) for one in diagnosis.effects
+        _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown, diagnosis))
+        for one in diagnosis.effects
     )
     found = tuple(one.name for one in diagnosis.effects)
     unproven = tuple(one.name for one in diagnosis.effects if _lacks_proof(one, diagnosis, before))
     alike = tuple(name for one in diagnosis.effects for name in _alike(one))
     doubts = {
-        one.name: _unsure(one.name, _among_known(_probability(one, diagnosis, shares), unknown), confidence)
+        one.name: _unsure(
+            one.name,
+            _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown, diagnosis)),
+            confidence,
+        )
         for one in diagnosis.effects
         if not one.is_unknown
     }
@@ -162,9 +168,15 @@ def _nearly_seen(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     return [one for one in sorted(seen, key=lambda one: -one[1])[:1] if one[1] >= LOOKED_FOR_NATS]
 
 
-def _share_of_none(finding: EffectFinding, unknown: float) -> float:
-    """Of what stands in a finding's place; what has no name is itself what nobody knows."""
-    return 0.0 if finding.is_unknown else unknown
+def _share_of_none(finding: EffectFinding, unknown: float, diagnosis: Diagnosis) -> float:
+    """Of what stands in a finding's place; what has no name is itself what nobody knows, and that another law is denied
+    makes this one no surer: it is taken as it would be told were none denied."""
+    if finding.is_unknown:
+        return 0.0
+    denied = sum(one.status == "not_confirmed" for one in diagnosis.effects)
+    if finding.status == "not_confirmed" or not denied:
+        return unknown
+    return 1.0 - min((1.0 - unknown) * ((1.0 - UNLISTED) / (1.0 - DENIED)) ** denied, 1.0)
 
 
 def _among_known(probability: float, unknown: float) -> float:

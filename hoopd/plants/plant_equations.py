@@ -9,7 +9,7 @@ Rules of this file: whatever is wrong with an equation is one `InputError` with 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cached_property
 from itertools import combinations
 from math import isclose
@@ -22,9 +22,11 @@ import numpy as np
 from hoopd.files.dimensions import ENERGY, Unit, parse_unit, unit_of
 from hoopd.files.expression_parser import parse_equation, parse_expression
 from hoopd.files.expressions import (
+    ARITHMETIC,
     Expression,
     ExpressionError,
     Name,
+    Node,
     Operation,
     check_names,
     names_in,
@@ -50,6 +52,14 @@ def _folded(law: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     for one in others:
         first = law(first, one)
     return first
+
+
+def _outside_of_functions(node: Node) -> Iterator[Node]:
+    """The node and what is below it, but for what stands in a sine, a root ..."""
+    yield node
+    if isinstance(node, Operation) and node.name in ARITHMETIC:
+        for part in node.parts:
+            yield from _outside_of_functions(part)
 
 
 class Equations:
@@ -118,23 +128,22 @@ class Equations:
         size = float(force(*self._near[1]))
         return size if 0.0 < size < np.inf else 1.0
 
-    @property
-    def ratios(self) -> dict[tuple[str, str], float]:
-        """(q, other) -> r where both equations have a difference q - r other in them: the innermost, if it is no plain
-        one."""
+    def ratios(self, held: Collection[str]) -> dict[tuple[str, str], float]:
+        """(q, other) -> r where both equations have a difference q - r other as a factor, the innermost, if it is no
+        plain one; `held`: parameters that no fit moves, of which r may be made."""
         pairs = combinations(self.coordinates, 2)
-        every = {pair: [self._differences(name, *pair) for name in pair] for pair in pairs}
+        every = {pair: [self._differences(name, *pair, held) for name in pair] for pair in pairs}
         common = {pair: [r for r in one if any(isclose(r, s) for s in other)] for pair, (one, other) in every.items()}
         return {pair: found[0] for pair, found in common.items() if found and not isclose(found[0], 1.0)}
 
-    def _differences(self, equation: str, q: str, other: str) -> list[float]:
-        """r of all q - r other with constant r in an equation, the innermost first."""
+    def _differences(self, equation: str, q: str, other: str, held: Collection[str]) -> list[float]:
+        """r of all q - r other in an equation, the innermost first."""
         found, p = [], ca.vertcat(*self.values.values())
         x = ca.vertcat(*(self._by_name[name, 0] for name in (q, other)))
         for side in self._sides[equation]:
-            for node in parts_of(side.root):
-                inside = {(one.name, one.primes) for one in parts_of(node) if isinstance(one, Name)}
-                moving = {one for one in inside if one[0] not in self.values}
+            for node in _outside_of_functions(side.root):
+                inside = {(part.name, part.primes) for part in parts_of(node) if isinstance(part, Name)}
+                moving = {name for name in inside if name[0] not in held}
                 if not isinstance(node, Operation) or node.name not in "+-" or moving != {(q, 0), (other, 0)}:
                     continue
                 slopes = ca.jacobian(ca.SX(self._value(Expression(side.text, node))), x)

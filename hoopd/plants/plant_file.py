@@ -164,7 +164,7 @@ class _Maker:
             slots=self._slots(channels),
             scales=e.scales,
             usual_force=e.usual_force,
-            ratios=e.ratios,
+            ratios=e.ratios([name for name, one in self._parameters.items() if one.held]),
             time_scale_s=file.sample_time_s,
             energy=energy,
         )

@@ -152,8 +152,9 @@ def test_a_name_that_held_out_data_deny_is_as_likely_another_law() -> None:
     names = ("hoop.coulomb_friction", "hoop.quadratic_drag", "camera.latency")
     found = standing(named(*names), names, LAWS, denied=names[:1])
     mine = found.findings["hoop.coulomb_friction"]
-    assert mine.probability is not None and mine.probability < 0.5
-    assert found.candidates[NONE_OF_THESE] == pytest.approx(0.5, abs=0.05)
+    assert mine.probability is not None and mine.probability < 0.5 < found.candidates[NONE_OF_THESE] + 0.05
+    undenied = standing(named(*names), names, LAWS).findings["hoop.coulomb_friction"].probability
+    assert undenied is not None and undenied > 1.5 * mine.probability
 
 
 def test_what_nothing_tells_from_a_name_is_counted_with_it() -> None:

@@ -9,7 +9,7 @@ import pytest
 from inprocess import call
 
 from hoopd.plants.likelihood.fitting import fit
-from hoopd.plants.likelihood.stretches import stretch_of
+from hoopd.plants.likelihood.stretches import first_states, stretch_of
 from hoopd.plants.plant_file import parse_plant
 
 TANKS = """
@@ -46,10 +46,13 @@ def recorded(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.arange(n) * 4.0, u, levels + 5e-4 * random.normal(size=levels.shape)
 
 
-def test_the_textbooks_tanks_are_fitted_as_they_stand() -> None:
+@pytest.mark.parametrize("late", [0, 30, 100])
+def test_the_textbooks_tanks_are_fitted_as_they_stand(late: int) -> None:
+    """Also where the second gauge begins so many rows later."""
     plant, (t, u, levels) = parse_plant(TANKS, "tanks.yaml"), recorded(1)
     rows = np.arange(len(t))
-    made = stretch_of("day1", plant, t, u, {"h1": (rows, levels[:, 0]), "h2": (rows, levels[:, 1])})
+    made = stretch_of("day1", plant, t, u, {"h1": (rows, levels[:, 0]), "h2": (rows[late:], levels[late:, 1])})
+    assert (first_states(made) > 0.05).all()
     found = fit([made], (), plant.values)
     assert found.values["a1"] == pytest.approx(A1, rel=0.01) and found.values["a2"] == pytest.approx(A2, rel=0.01)
 
@@ -64,4 +67,4 @@ def test_equations_that_are_no_numbers_along_a_recording_are_one_line(tmp_path: 
     )
     code, _, errors = call(["diagnose", str(file), "--plant", str(model), "--no-free-run"])
     assert code == 2 and errors.count("\n") == 1
-    assert errors.startswith("hoopd: tanks: equations: no number, or no slope, where these recordings are")
+    assert errors.startswith("hoopd: tanks: equations: no number, or no slope, along these recordings")

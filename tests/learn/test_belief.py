@@ -37,6 +37,17 @@ def test_what_is_open_is_said(diagnosis: object, why: str) -> None:
     assert belief_of(diagnosis, 0.95, kinds=2).open == (why,)  # type: ignore[arg-type]
 
 
+def test_that_one_law_is_denied_makes_the_other_no_surer() -> None:
+    alone = said(0.6)
+    denied = msgspec.structs.replace(
+        alone.effects[0], name="ball.slip", slot="ball", probability=0.45, status="not_confirmed"
+    )
+    none = Candidate(name="none of these", log_likelihood_gain=None, probability=0.54)
+    both = msgspec.structs.replace(alone, effects=[*alone.effects, denied], candidates=[none])
+    assert belief_of(both, 0.95, kinds=2).unsure[0] == "hoop.coulomb_friction"
+    assert "hoop.coulomb_friction is 70% sure, 95% are asked for" in belief_of(both, 0.95, kinds=2).open
+
+
 def test_that_nothing_is_missing_takes_three_kinds_of_signal() -> None:
     assert not belief_of(said(), 0.95, kinds=2).settled
     belief = belief_of(said(), 0.95, kinds=3)

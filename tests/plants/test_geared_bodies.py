@@ -55,6 +55,10 @@ def parsed(text: str) -> Plant:
         (BELT.replace("(th1 - N*th2)", "(-N*th2 + th1)"), {("th1", "th2"): 4.0}),
         (BELT.replace("N*", ""), {}),
         (BELT.replace("k*(th1 - N*th2)", "k*th1 + N*k*th2"), {}),
+        (BELT.replace("N: {value: 4,", "N: {value: -4,"), {("th1", "th2"): -4.0}),
+        # a ratio that is fitted is none that a law may keep, and gravity on a sum of angles joins nothing
+        (BELT.replace('unit: "-", held: true', 'unit: "-", bounds: [1, 10]'), {}),
+        (BELT.replace("k*(th1 - N*th2)", "k*sin(th1 - N*th2)"), {}),
         (RACK, {("a", "x"): 50.0}),
     ],
 )
@@ -71,3 +75,7 @@ def test_what_joins_geared_bodies_follows_their_difference_and_gives_no_power_to
     law = mechanisms(plant)["th1_body.cubic_of_th1_less_geared_th2_pair"]
     assert law.site.on == {"th1": 1.0, "th2": -4.0} and mechanism_named(plant, law.name) is not None
     assert law.formula == "A (th1 - 4 th2)^3"
+    # names of files of before stay readable
+    assert mechanism_named(plant, "th1_body.cubic_of_th1_less_th2_pair") is not None
+    turned = parsed(BELT.replace("N: {value: 4,", "N: {value: -4,"))
+    assert mechanisms(turned)["th1_body.cubic_of_th1_less_geared_th2_pair"].formula == "A (th1 + 4 th2)^3"

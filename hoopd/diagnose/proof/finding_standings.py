@@ -32,6 +32,9 @@ from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.likelihood.fitting import HypothesisFit
 
+# A name is counted with a finding where so much of its own probability stands in that place.
+COUNTED_PART = 0.5
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -79,7 +82,7 @@ def standings(asked: Asked) -> Standings:
     rest = remainder(screen, asked.beside if named.accepted else None)
     findings: dict[str, Standing] = {}
     likelies: list[Likely] = []
-    counted_with: dict[str, str] = {}
+    counted_with: dict[str, tuple[str, float]] = {}
     total = named.base.criterion - named.final.criterion
     shares = explained([named.losses[one.effect.name] for one in named.accepted], total, rest)
     if unknown is not None:
@@ -93,7 +96,7 @@ def standings(asked: Asked) -> Standings:
         near = place.nearest() if one.effect.name not in asked.library else None
         caveat = _caveat(one.effect.name, share, rest, len(named.accepted)) if rest is not None and rest.fires else ""
         findings[one.effect.name] = Standing(found.named, near, share, caveat)
-        counted_with |= dict.fromkeys(found.alike - {one.effect.name}, one.effect.name)
+        counted_with |= {name: (one.effect.name, found.shares[name]) for name in found.alike & set(found.shares)}
         likelies.append(found)
     if not likelies:
         likelies.append(likely(asked.believed(_unnamed(asked, screen)), _left(None, unknown)))
@@ -101,8 +104,14 @@ def standings(asked: Asked) -> Standings:
         none = 1.0 - _product([1.0 - one.none for one in likelies])
         near = nearest(_library_beside(unknown.beside, asked), unknown.score.vector)
         findings[unknown.name] = Standing(none, near, unknown.share)
-    counted_with = {name: one for name, one in counted_with.items() if name not in findings}
-    return Standings(findings, among_what_acts(likelies), counted_with, rest)
+    candidates = among_what_acts(likelies)
+    # what stands in another place for the most part is a rival there
+    alike = {
+        name: one
+        for name, (one, share) in counted_with.items()
+        if name not in findings and share >= COUNTED_PART * candidates[name]
+    }
+    return Standings(findings, candidates, alike, rest)
 
 
 def _grammar_beside(asked: Asked) -> MechanismScreen:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,11 @@ from hoopd.diagnose.proof.separation import own_columns, without_effect
 from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, columns_of, surprise_of
 from hoopd.diagnose.search.chance import colour
+from hoopd.diagnose.search.fits_side_by_side import tried_all
 from hoopd.diagnose.search.mechanism_screen import COLOURED, MechanismScreen, ProposedMechanism
 from hoopd.diagnose.search.mechanism_search import score_of_proposal
 from hoopd.diagnose.search.naming import Named
-from hoopd.diagnose.search.screen import Screen, best_scores, orthonormal, whitened_changes
+from hoopd.diagnose.search.screen import Score, Screen, best_scores, orthonormal, whitened_changes
 from hoopd.diagnose.search.surprise import surprise
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
@@ -42,8 +44,8 @@ Array = NDArray[np.float64]
 MOST_NEAR = 2 * COLOURED
 # Less than this between two explanations, and nothing tells them apart.
 ALIKE_NATS = 1.0
-# What a screen has in the place within so many nats of the name is refitted, at most so many.
-NEARLY_NATS, MOST_REFITTED = 3.0, 4
+# What a screen has in the place within so many nats of the name is refitted, so many at a time, at most so many times.
+NEARLY_NATS, MOST_REFITTED, MOST_TIMES = 3.0, 4, 3
 # A name of the library is near when it makes this share of the squared change.
 NEAR_COSINE = 0.5
 
@@ -74,7 +76,7 @@ class EffectTakenOut:
         seen: dict[str, Option] = {}
         for option in found:
             seen.setdefault(option.name, option)
-        seen |= {one.name: one for one in self._refitted_now(seen)}
+        seen = self._refitted_now(seen, threshold)
         # without any evidence, parameters are as likely as a name that just passes
         curves = beside_base.curves[:1] if beside_base is not None else []
         return [*seen.values(), Option(PARAMETERS, threshold), *(Option(NONE_OF_THESE, c.surprise) for c in curves)]
@@ -129,21 +131,31 @@ class EffectTakenOut:
                 alike = not proposed.mechanism.textbook and abs(behind) < ALIKE_NATS
                 yield Option(name, self._worth(proposed, gain), alike)
 
-    def _refitted_now(self, screened: Mapping[str, Option]) -> Iterator[Option]:
-        """What only a screen has in its place, nearly as likely as the name or likelier: it is linear about a reference
-        that has the name in it, and a scale of all that moves is like whatever moves it."""
-        one, judge = self.one, Judge(self.stretches, self.library, Settings())
-        known = {one.effect.name, *(name for name, _ in self.named.rivals.get(one.effect.name, ()))}
-        least = screened[one.effect.name].worth - NEARLY_NATS
-        near = [each for each in screened.values() if each.name not in known and not each.alike and each.worth > least]
+    def _refitted_now(self, screened: dict[str, Option], threshold: float) -> dict[str, Option]:
+        """Options; what only a screen has, nearly as likely as the name or likelier, as it is fitted there: a screen is
+        linear about a reference that has the name in it, and a scale of all that moves is like whatever moves it."""
+        own, without = self.one.effect.name, self.named.without[self.one.effect.name]
+        judge = Judge(self.stretches, self.library, Settings(threshold))
         scores = {score.member.effect.name: score for score in self.screen.scores()}
-        without = self.named.without[one.effect.name]
-        for each in sorted(near, key=lambda each: -each.worth)[:MOST_REFITTED]:
-            proposed = self._proposed.get(each.name)
-            score = scores[each.name] if proposed is None else score_of_proposal(proposed, without)
-            gain = max(judge.tried(without, replace(score, origin=without)).gain, 0.0)
-            worth = self._refitted_worth(each.name, gain) if proposed is None else self._worth(proposed, gain)
-            yield each._replace(worth=min(each.worth, worth))
+        known = {own, *(name for name, _ in self.named.rivals.get(own, ()))}
+        for _ in range(MOST_TIMES):
+            least = screened[own].worth - NEARLY_NATS
+            every = sorted(screened.values(), key=lambda option: -option.worth)
+            near = [one.name for one in every if one.name not in known and not one.alike and one.worth > least]
+            if not near:
+                break
+            starts = [self._start(name, scores, without) for name in near[:MOST_REFITTED]]
+            for name, tried in zip(near, tried_all(judge, without, starts), strict=False):
+                known.add(name)
+                if isfinite(tried.fit.criterion):
+                    proposed, gain = self._proposed.get(name), max(tried.gain, 0.0)
+                    worth = self._refitted_worth(name, gain) if proposed is None else self._worth(proposed, gain)
+                    screened = {**screened, name: screened[name]._replace(worth=worth)}
+        return screened
+
+    def _start(self, name: str, scores: Mapping[str, Score], without: HypothesisFit) -> Score:
+        proposed = self._proposed.get(name)
+        return replace(scores[name] if proposed is None else score_of_proposal(proposed, without), origin=without)
 
     def _refitted_worth(self, name: str, gain: float) -> float:
         """Of a name that was fitted: what was looked at to find it (the times of a push) is many things."""

@@ -22,18 +22,19 @@ from hoopd.plants.likelihood.noise_tuning import first_noise
 
 # Disturbances this many times the usual one are far beyond it.
 FAR_BEYOND = 3.0
-# No less than this share of what the drive does is usual: a plant that is held against its weight moves slowly, and
+# No less than this share of what the inputs hold is usual: a plant that is held against its weight moves slowly, and
 # what its coil is off by is a share of the weight.
-DRIVEN_SHARE = 0.01
+BALANCED_SHARE = 0.01
 
 
 def usual_noise(found: HypothesisFit) -> dict[str, Noise]:
-    """By recording: disturbances of a usual size, by how the plant usually moves and by what drives it."""
+    """By recording: disturbances of a usual size, by how the plant usually moves and by what its inputs hold."""
     usual = first_noise(found.tracks, found.values)
     for track in found.tracks:
         known = usual[track.stretch.recording]
-        driven = DRIVEN_SHARE * track.driven(found.values) / track.mobility(found.values)
-        force = np.maximum(known.force, np.pad(driven, (0, len(known.force) - len(driven))))
+        by_force = track.mobility(found.values)
+        share = BALANCED_SHARE * track.balanced(found.values) / np.where(by_force > 0.0, by_force, np.inf)
+        force = np.maximum(known.force, np.pad(share, (0, len(known.force) - len(share))))
         usual[track.stretch.recording] = known._replace(force=force)
     return usual
 

@@ -91,11 +91,9 @@ class Judge:
             # a limit that cuts off too much at first leads the trajectory away
             later = fit(self.train, (*before.effects, effect), {**start, **milder}, like=origin, noise=before.noise)
             new = min(new, later, key=lambda one: one.criterion)
+        new = self._not_run_off(new, start, effect)
         # what began elsewhere and came back to where the fit before was is not asked again
-        is_worth_more = origin is before or before.criterion - new.criterion >= self.settings.threshold / 2.0
-        if is_worth_more:
-            new = self._not_run_off(new, start, effect)
-        if is_worth_more and origin is not before:
+        if origin is not before and before.criterion - new.criterion >= self.settings.threshold / 2.0:
             new = self.settled(new)
         new = in_wider_ranges(new, self.train, [effect.name])
         effect, gain = new.effects[-1], before.criterion - new.criterion

@@ -114,6 +114,9 @@ def fit(
     if not move:
         for step in range(LAST_STEPS):
             _settle(found)
+            if not _is_finite(found.rows):
+                found.criterion = np.inf
+                break
             tuned_noise(found, near=step > 0)
         return found
     begin = _kept(found)

@@ -198,8 +198,9 @@ class Track:
         here = ca.Function("mobility", [force], [ca.densify(by_force)])(0.0)
         return np.abs(np.diag(here.full()))
 
-    def driven(self, values: Mapping[str, float]) -> Array:
-        """(coordinates,) RMS of what the inputs add to the acceleration of each, along the reference."""
+    def balanced(self, values: Mapping[str, float]) -> Array:
+        """(coordinates,) acceleration of each, RMS along the reference, that inputs hold against everything else: the
+        lesser of what they add and of what is there without them."""
         plant, values = self.stretch.plant, self.local(values)
         if not plant.inputs or not plant.coordinates:
             return np.zeros(len(plant.coordinates))
@@ -212,10 +213,12 @@ class Track:
                     force[plant.coordinates.index(one.coordinate)] += size
             return plant.accelerations(plant.point(x, values, given if len(given) > 1 else u, t), force)
 
-        law = ca.Function("driven", [x, u, t], [ca.densify(acceleration(u) - acceleration(ca.SX.zeros(*u.shape)))])
+        free = acceleration(ca.SX.zeros(*u.shape))
+        law = ca.Function("balanced", [x, u, t], [ca.densify(acceleration(u) - free), ca.densify(free)])
         inputs = np.column_stack([self.stretch.u, self.stretch.others])
-        rows = law(self.z[:-1, : len(plant.states)].T, inputs.T, self.stretch.t[None, :-1]).full()
-        return np.asarray(np.sqrt(np.mean(np.nan_to_num(rows, posinf=0.0, neginf=0.0) ** 2, axis=1)))
+        rows = law(self.z[:-1, : len(plant.states)].T, inputs.T, self.stretch.t[None, :-1])
+        sizes = [np.sqrt(np.mean(np.nan_to_num(one.full(), posinf=0.0, neginf=0.0) ** 2, axis=1)) for one in rows]
+        return np.asarray(np.minimum(*sizes))
 
     # ------------------------------------------------------------------------------------------ linear
 

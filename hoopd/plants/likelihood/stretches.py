@@ -245,7 +245,7 @@ def _begins(t: Array, u: Array, slew: float) -> Array:
 
 def first_states(stretch: Stretch) -> Array:
     """(n, nx) positions, rates and what stores hold by local parabolas through the readings; no model. A store that no
-    channel reads is empty."""
+    channel reads as it is begins empty."""
     plant, t = stretch.plant, stretch.t
     x = np.zeros((len(t), len(plant.states)))
     for i, q in enumerate(plant.coordinates):
@@ -260,7 +260,10 @@ def first_states(stretch: Stretch) -> Array:
     for i, name in enumerate(plant.first_order, start=2 * len(plant.coordinates)):
         column = _reading(stretch, name)
         if column is not None:
+            seen = np.flatnonzero(np.isfinite(column))
             x[:, i] = _parabolas(t, column)[0]
+            # before the first reading and after the last a parabola leads anywhere
+            x[: seen[0], i], x[seen[-1] + 1 :, i] = x[seen[0], i], x[seen[-1], i]
     return x
 
 

@@ -106,14 +106,15 @@ def relative(plant: Plant, q: str, other: str) -> Iterator[Axis]:
 
 
 def _geared(plant: Plant, q: str, other: str, r: float) -> Iterator[Axis]:
-    one, two, words = position(plant, q), rate(plant, q), f"{q} and {r:.4g} {other}"
+    one, two, sign = position(plant, q), rate(plant, q), "-" if r > 0.0 else "+"
+    words = f"{q} {sign} {abs(r):.4g} {other}"
     # what twists a belt does not come back after a turn
-    yield Axis(f"{q}_less_geared_{other}", f"({q} - {r:.4g} {other})", one.unit, POSITION,
-               lambda s: getattr(s, q) - r * getattr(s, other), f"the difference of {words}", False, (q, other),
+    yield Axis(f"{q}_less_geared_{other}", f"({words})", one.unit, POSITION,
+               lambda s: getattr(s, q) - r * getattr(s, other), words, False, (q, other),
                rate=lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"))  # fmt: skip
-    yield Axis(f"d{q}_less_geared_d{other}", f"({q}' - {r:.4g} {other}')", two.unit, RATE,
-               lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"),
-               f"the speed of the difference of {words}", coordinates=(q, other))  # fmt: skip
+    yield Axis(f"d{q}_less_geared_d{other}", f"({q}' {sign} {abs(r):.4g} {other}')", two.unit, RATE,
+               lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"), f"the speed of {words}",
+               coordinates=(q, other))  # fmt: skip
 
 
 def state(plant: Plant, name: str) -> Axis:

@@ -37,7 +37,7 @@ from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
 from hoopd.plants.effects.grammar.memories import MEMORIES
 from hoopd.plants.effects.grammar.memory_law import MemoryLaw
-from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, LENS, STEPS, ShapeLaw, shapes_of
+from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, HUM, LENS, STEPS, WAVE, ShapeLaw, shapes_of
 from hoopd.plants.effects.grammar.textbook import textbook_names
 from hoopd.plants.effects.usual_sizes import input_with_article, units
 
@@ -84,6 +84,9 @@ def mechanisms(plant: Plant) -> dict[str, Mechanism]:
 def mechanism_named(plant: Plant, name: str) -> Effect | None:
     """The effect of a name of the grammar; None where the plant has none of this name."""
     found = mechanisms(plant).get(name)
+    if found is None and plant.ratios:
+        # a file of before anybody looked for ratios
+        found = mechanisms(replace(plant, ratios={})).get(name)
     return None if found is None else found.effect
 
 
@@ -288,7 +291,7 @@ def _of_store(plant: Plant, name: str, own: str) -> Iterator[Mechanism]:
         for shape in shapes_of(axis):
             # its own loss is in the library
             if not (axis.name == own and shape.name == "linear"):
-                yield Mechanism(site, axis, shape)
+                yield Mechanism(site, axis, HUM if axis is CLOCK and shape is WAVE else shape)
     yield from _of_loss(plant, site, state(plant, own))
 
 

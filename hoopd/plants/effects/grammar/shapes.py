@@ -9,7 +9,7 @@ Rules of this file: one entry a shape, its formula in words beside its code; no 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,11 +41,14 @@ WAVES = tuple(float(n) for n in range(1, 37))
 ALWAYS, BEGAN = 1e9, "began"
 # Below, a root is a straight line: its slope has no end.
 LEAST = 1e-12
-# Over what does not turn a wave is coherent: one of half a wave more in the range is another one. So many waves over
-# the time, over a length (the pitch of a screw, of a rail), and beats over the time.
-WAVES_IN_TIME = tuple(0.5 * k for k in range(2, 33))
+# Over what does not turn a wave is coherent: one of half a wave more in the range is another one. So many waves over a
+# length (the pitch of a screw, of a rail), what flows into a store (hum) and beats over the time.
 WAVES_IN_RANGE = tuple(0.5 * k for k in range(2, 49))
+HUMS_IN_TIME = tuple(0.5 * k for k in range(2, 33))
 BEATS_IN_TIME = tuple(0.5 * k for k in range(2, 41))
+# Forces in waves over the time are asked for at few frequencies: a disturbance of another colour than is believed shows
+# at some frequency or other.
+WAVES_IN_TIME = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 # A beat drops within a few samples: of its harmonics the k-th is this to the power k of a saw-tooth's.
 DROP = 0.9
 
@@ -247,6 +250,10 @@ WELLS = {turning: _well_of(turning) for turning in (False, True)}
 DETENTS = {turning: _detent_of(turning) for turning in (False, True)}
 WAVE = ShapeLaw("wave", lambda ops, v, c: ops.sin(c["n"] * v + c["phi"]), "sin(n {v} + phi)", "comes back in waves of",
              (POSITION, TIME), 0, ("n",), _waves, phased=True)  # fmt: skip
+
+
+# The same over the time, of what flows into a store: so many more frequencies.
+HUM = replace(WAVE, grid=lambda axis, v: _periods(v, HUMS_IN_TIME))
 
 
 def _saw(ops: Any, v: Any, c: Constants) -> Any:
