@@ -24,7 +24,7 @@ from hoopd.diagnose.proof.next_experiment import (
 from hoopd.diagnose.proof.not_excluded import late_together, parameter_notes, separations
 from hoopd.diagnose.proof.placebo import BLOCK_S, _order, changes_along, gain_of, placebos, shuffled
 from hoopd.diagnose.proof.power import of_effect, visible
-from hoopd.diagnose.proof.separation import Rows, linear, nats_apart, rows_beside
+from hoopd.diagnose.proof.separation import Rows, condensed, linear, nats_apart, nats_seen, rows_beside
 from hoopd.diagnose.record import Placebo
 from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
@@ -408,3 +408,18 @@ def test_a_name_whose_placebo_gains_needs_as_much_more(gain: float, most: float,
     placebo = Placebo(log_likelihood_gain=1.0, held=most < 4.0, shuffles=8, most=most, limit=4.0)
     assert doubted("confirmed", gain, 15.0, placebo) == status
     assert doubted("untested", gain, 15.0, placebo) == "untested"
+
+
+def test_condensed_rows_tell_the_same_of_what_is_stacked_on_them() -> None:
+    random = np.random.default_rng(3)
+
+    def rows(count: int) -> Rows:
+        rivals = tuple((member, random.normal(size=(count, len(member.columns)))) for member in members)
+        return Rows(random.normal(size=(count, 4)), random.normal(size=count), rivals)
+
+    members = [Member(effect, {}, (Column((("Fc", 0.01),), signed=True),)) for effect in (DRY, HOOP)]
+    known, more = rows(500), rows(60)
+    few = condensed(known)
+    assert len(few.effect) == 7 and condensed(few) is few
+    assert nats_apart([few, more]) == pytest.approx(nats_apart([known, more]))
+    assert nats_seen([few, more]) == pytest.approx(nats_seen([known, more]))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hoopd.plants.effects.grammar.axes import INPUT, POSITION
+from hoopd.plants.effects.grammar.axes import CLOCK, INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanism import READING
 from hoopd.plants.effects.grammar.mechanisms import NAMED, mechanism_named, mechanisms
 from hoopd.plants.effects.grammar.memories import MEMORIES
@@ -307,3 +307,18 @@ def test_every_law_says_what_recording_shows_it(plant: str) -> None:
     if plant == "pendulum":
         well = every["body.well_of_alpha_on_backward_dalpha"]
         assert well == "alpha and the speed of alpha over all that they can be"
+
+
+def test_waves_are_looked_for_half_a_wave_apart_where_no_coloured_force_passes_for_one() -> None:
+    """Over a length and in what flows into a store; forces in waves over the time at few frequencies."""
+    t = np.linspace(0.0, 10.0, 100)
+
+    def counts(plant: str, name: str) -> list[float]:
+        law = mechanisms(plant_named(plant))[name]
+        assert law.shape is not None
+        return [one["n"] * 10.0 / (2.0 * np.pi) for one in law.shape.grid(law.axis, t)]
+
+    assert np.diff(counts("tanks", "h1_store.wave_of_t")) == pytest.approx(0.5)
+    assert np.diff(counts("axis", "body.wave_of_x")) == pytest.approx(0.5)
+    assert max(np.diff(counts("axis", "body.wave_of_t"))) >= 2.0
+    assert mechanisms(plant_named("axis"))["body.wave_of_t"].axis is CLOCK
