@@ -122,7 +122,7 @@ def _possible(found: tuple[float, float] | None, p: EffectParameter) -> tuple[fl
         return None
     if not found[1] - found[0] < SAYS_NOTHING * max(abs(found[0] + found[1]) / 2.0, p.size):
         return None
-    return (max(found[0], 0.0) if p.low >= 0.0 else found[0], min(found[1], p.most))
+    return _within(found, 0.0 if p.low >= 0.0 else -inf, p.most)
 
 
 def effects_of(
@@ -314,11 +314,10 @@ def _told(finding: EffectFinding, standing: Standing) -> EffectFinding:
 
 
 def candidates_of(
-    named: Named, threshold: float, shares: Mapping[str, float], counted_with: Mapping[str, str] | None = None
+    named: Named, threshold: float, shares: Mapping[str, float], counted_with: Mapping[str, str]
 ) -> list[Candidate]:
     """Every effect on its own over the base: refitted where it was, else as the screen saw it; and whatever else is
     likely. `counted_with`: names that nothing tells from a finding -> the finding."""
-    its = counted_with or {}
     stretches = [track.stretch for track in named.base.tracks]
     found = {s.member.effect.name: (s, s.gain, surprise_of(s, s.gain, stretches)) for s in named.scores}
     found |= {one.effect.name: (one.score, one.gain, one.surprise) for one in named.tried}
@@ -326,13 +325,13 @@ def candidates_of(
         Candidate(
             name=name, log_likelihood_gain=gain, surprise=beyond, threshold=threshold,
             needed=needed_of(score, threshold, stretches), probability=shares.get(name, 0.0),
-            counted_with=its.get(name),
+            counted_with=counted_with.get(name),
         )
         for name, (score, gain, beyond) in found.items()
     ]  # fmt: skip
     more = [name for name, one in shares.items() if name not in found and (one >= LEAST_TOLD or name == NONE_OF_THESE)]
     screened = [
-        Candidate(name=name, log_likelihood_gain=None, probability=shares[name], counted_with=its.get(name))
+        Candidate(name=name, log_likelihood_gain=None, probability=shares[name], counted_with=counted_with.get(name))
         for name in more
     ]
     return [*known, *screened]

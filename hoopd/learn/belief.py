@@ -97,25 +97,19 @@ def belief_of(diagnosis: Diagnosis, confidence: float, kinds: int, before: Seque
         missing += tuple(f"{name} may be there ({nats:.1f} nats)" for name, nats in _nearly_seen(diagnosis))
         return Belief((), sure, unknown, missing, _shown(shares))
     shares |= {one.name: one.probability or 0.0 for one in diagnosis.effects}
-    sure = min(
-        _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown, diagnosis))
+    each = {
+        one.name: _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown, diagnosis))
         for one in diagnosis.effects
-    )
+    }
     found = tuple(one.name for one in diagnosis.effects)
     unproven = tuple(one.name for one in diagnosis.effects if _lacks_proof(one, diagnosis, before))
     alike = tuple(name for one in diagnosis.effects for name in _alike(one))
     doubts = {
-        one.name: _unsure(
-            one.name,
-            _among_known(_probability(one, diagnosis, shares), _share_of_none(one, unknown, diagnosis)),
-            confidence,
-        )
-        for one in diagnosis.effects
-        if not one.is_unknown
+        one.name: _unsure(one.name, each[one.name], confidence) for one in diagnosis.effects if not one.is_unknown
     }
     sentences = _open(diagnosis, doubts, unproven)
     unsure = tuple(name for name, said in doubts.items() if said)
-    return Belief(found, sure, unknown, sentences, _shown(shares), unproven, alike, unsure)
+    return Belief(found, min(each.values()), unknown, sentences, _shown(shares), unproven, alike, unsure)
 
 
 def _lacks_proof(finding: EffectFinding, diagnosis: Diagnosis, before: Sequence[Diagnosis]) -> bool:

@@ -85,7 +85,7 @@ def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     if track is None:
         return []
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
-    known = condensed(rows_of_recordings(pair))
+    known = rows_of_recordings(pair)
     before = nats_apart([known])[pair.rival.name]
     every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     members = [member for member, _ in known.rivals]
@@ -100,17 +100,17 @@ def expected_to_show(pair: Pair, seed: int = 0) -> list[Expected]:
     if track is None:
         return []
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
-    known = condensed(rows_of_recordings(pair, []))
+    known = rows_of_recordings(pair, [])
     before = nats_seen([known])
     every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     return [Expected(one, nats_seen([known, rows_of_entry(pair, one, [])]) - before) for one in every]
 
 
 def rows_of_recordings(pair: Pair, rivals: Sequence[Effect] | None = None) -> Rows:
-    """Both explanations along the recordings that are there; `rivals`: others than the pair's."""
+    """Both explanations along the recordings that are there, condensed; `rivals`: others than the pair's."""
     about = without_effect(pair.final, pair.effect, pair.ablated, _free_of_next(pair))
     told = [pair.rival] if rivals is None else rivals
-    return rows_beside(about, pair.effect, pair.final.values, told, _recordings(pair.final))
+    return condensed(rows_beside(about, pair.effect, pair.final.values, told, _recordings(pair.final)))
 
 
 def rows_of_entry(pair: Pair, entry: Entry, members: Sequence[Member]) -> Rows:

@@ -43,8 +43,12 @@ class Likely:
     """Probabilities of what could stand in one place."""
 
     shares: Mapping[str, float] = field(default_factory=dict)  # by name, "none of these" among them; the sum is 1
-    named: float = 0.0  # of the named one and what is alike
-    alike: frozenset[str] = frozenset()  # the named one among them
+    alike: frozenset[str] = frozenset()  # the named one and what nothing tells from it
+
+    @property
+    def named(self) -> float:
+        """Of the named one and what is alike."""
+        return sum(share for name, share in self.shares.items() if name in self.alike)
 
     @property
     def none(self) -> float:
@@ -64,8 +68,7 @@ def likely(options: Sequence[Option], left: float = -MOST_NATS, unlisted: float 
     total = sum(weights.values())
     shares = {name: known * weight / total for name, weight in weights.items()} if total else {}
     shares[NONE_OF_THESE] = shares.get(NONE_OF_THESE, 0.0) + 1.0 - known if shares else 1.0
-    alike = {one.name for one in options if one.alike}
-    return Likely(shares, sum(share for name, share in shares.items() if name in alike), frozenset(alike))
+    return Likely(shares, frozenset(one.name for one in options if one.alike))
 
 
 def too_small(threshold: float) -> Option:

@@ -136,7 +136,6 @@ class EffectTakenOut:
         linear about a reference that has the name in it, and a scale of all that moves is like whatever moves it."""
         own, without = self.one.effect.name, self.named.without[self.one.effect.name]
         judge = Judge(self.stretches, self.library, Settings(threshold))
-        scores = {score.member.effect.name: score for score in self.screen.scores()}
         known = {own, *(name for name, _ in self.named.rivals.get(own, ()))}
         for _ in range(MOST_TIMES):
             least = screened[own].worth - NEARLY_NATS
@@ -144,8 +143,9 @@ class EffectTakenOut:
             near = [one.name for one in every if one.name not in known and not one.alike and one.worth > least]
             if not near:
                 break
-            starts = [self._start(name, scores, without) for name in near[:MOST_REFITTED]]
-            for name, tried in zip(near, tried_all(judge, without, starts), strict=False):
+            some = near[:MOST_REFITTED]
+            fitted = tried_all(judge, without, [self._start(name, without) for name in some])
+            for name, tried in zip(some, fitted, strict=True):
                 known.add(name)
                 if isfinite(tried.fit.criterion):
                     proposed, gain = self._proposed.get(name), max(tried.gain, 0.0)
@@ -153,9 +153,10 @@ class EffectTakenOut:
                     screened = {**screened, name: screened[name]._replace(worth=worth)}
         return screened
 
-    def _start(self, name: str, scores: Mapping[str, Score], without: HypothesisFit) -> Score:
+    def _start(self, name: str, without: HypothesisFit) -> Score:
         proposed = self._proposed.get(name)
-        return replace(scores[name] if proposed is None else score_of_proposal(proposed, without), origin=without)
+        score = self._scores[name] if proposed is None else score_of_proposal(proposed, without)
+        return replace(score, origin=without)
 
     def _refitted_worth(self, name: str, gain: float) -> float:
         """Of a name that was fitted: what was looked at to find it (the times of a push) is many things."""
@@ -165,7 +166,7 @@ class EffectTakenOut:
         return surprise(gain / self.colour, *columns_of(self.library[name], self.stretches))
 
     def _library(self) -> Iterator[Option]:
-        for score in self.screen.scores():
+        for score in self._scores.values():
             effect = score.member.effect
             worth = surprise_of(score, self.scale * score.gain / self.colour, self.stretches)
             yield Option(effect.name, worth, self._same(effect, self._apart(score.vector)))
@@ -175,6 +176,10 @@ class EffectTakenOut:
             # a textbook's law is another one, however little these recordings tell them apart
             alike = not one.mechanism.textbook and self._apart(one.vector) < ALIKE_NATS
             yield Option(one.effect.name, self._worth(one, self.scale * one.gain), alike)
+
+    @cached_property
+    def _scores(self) -> Mapping[str, Score]:
+        return {score.member.effect.name: score for score in self.screen.scores()}
 
     @cached_property
     def _proposed(self) -> Mapping[str, ProposedMechanism]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoopd.plants.likelihood.fitting import HypothesisFit
-from hoopd.plants.likelihood.level_directions import freed_of_levels
+from hoopd.plants.likelihood.level_directions import freed_of_levels, told_alone
 from hoopd.plots.number_format import listed
 
 # As shares of the values: what is told no better together, of parameters each of which is told as well alone.
@@ -42,14 +42,13 @@ def told_together(found: HypothesisFit) -> Together | None:
     Together, optional
         None where each is told by itself.
     """
-    size = np.abs([found.values[name] for name in found.free])
-    # by shares of the values, and of each alone how well it is seen
-    rows, freed = found.stacked()[:, 1:], freed_of_levels(found)
-    shares = (rows.T @ rows if freed is None else freed) * np.outer(size, size)
-    alone = np.linalg.norm(rows, axis=0) * size
-    seen = [i for i, length in enumerate(alone) if length * ALONE > 1.0]
+    seen = told_alone(found, ALONE)
     if len(seen) < 2:
         return None
+    size = np.abs([found.values[name] for name in found.free])
+    rows, freed = found.stacked()[:, 1:], freed_of_levels(found)
+    # by shares of the values
+    shares = (rows.T @ rows if freed is None else freed) * np.outer(size, size)
     values, vectors = np.linalg.eigh(shares[np.ix_(seen, seen)])
     untold = values * TOGETHER**2 <= 1.0
     part = np.linalg.norm(vectors[:, untold], axis=1)

@@ -78,6 +78,15 @@ def derivatives_of(composite: Composite, free: tuple[str, ...]) -> tuple[ca.Func
     return kept[free]
 
 
+@lru_cache(maxsize=KEPT)
+def rates_of(composite: Composite) -> ca.Function:
+    """(x, inputs, t, p) -> x' of a composite's plant."""
+    sizes = {"x": composite.nx, "u": composite.nu, "t": 1, "p": len(composite.names)}
+    x, u, t, p = (ca.SX.sym(name, size) for name, size in sizes.items())
+    named = {name: p[i] for i, name in enumerate(composite.names)}
+    return ca.Function("rates", [x, u, t, p], [ca.densify(composite.rate_expression(x, u, t, named))])
+
+
 class Carrying(NamedTuple):
     """How states that effects add follow given ones. What follows from the given ones alone, most of it, is worked out
     at all nodes at once."""

@@ -50,7 +50,7 @@ def freed_of_levels(found: HypothesisFit) -> Array | None:
     """
     rows = found.stacked()[:, 1:]
     size = np.linalg.norm(rows, axis=0)
-    seen = [i for i, name in enumerate(found.free) if size[i] * ALONE * abs(found.values[name]) > 1.0]
+    seen = told_alone(found, ALONE)
     products = rows[:, seen].T @ rows[:, seen]
     values, vectors = np.linalg.eigh(products / np.outer(size[seen], size[seen]))
     known = values > ROUNDING
@@ -70,6 +70,12 @@ def freed_of_levels(found: HypothesisFit) -> Array | None:
     information = rows.T @ rows
     information[np.ix_(seen, seen)] -= (lost * (1.0 - np.maximum(shares[untold], 0.0))) @ lost.T
     return np.asarray(information)
+
+
+def told_alone(found: HypothesisFit, share: float) -> list[int]:
+    """Places of the free parameters that are each told to this share of their values, were all others known."""
+    lengths = np.linalg.norm(found.stacked()[:, 1:], axis=0)
+    return [i for i, name in enumerate(found.free) if lengths[i] * abs(found.values[name]) * share > 1.0]
 
 
 def _left_without_levels(found: HypothesisFit, seen: Sequence[int], size: Array) -> Array | None:

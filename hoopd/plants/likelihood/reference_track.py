@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
-from hoopd.plants.likelihood.composites import carrying, composite_of, derivatives_of, fitting_effects
+from hoopd.plants.likelihood.composites import carrying, composite_of, derivatives_of, fitting_effects, rates_of
 from hoopd.plants.likelihood.kalman_filter import (
     Gains,
     Lagged,
@@ -201,24 +201,18 @@ class Track:
     def balanced(self, values: Mapping[str, float]) -> Array:
         """(coordinates,) acceleration of each, RMS along the reference, that inputs hold against everything else: the
         lesser of what they add and of what is there without them."""
-        plant, values = self.stretch.plant, self.local(values)
+        plant = self.stretch.plant
         if not plant.inputs or not plant.coordinates:
             return np.zeros(len(plant.coordinates))
-        x, u, t = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs)), ca.SX.sym("t")
-
-        def acceleration(u: ca.SX) -> ca.SX:
-            force, given = ca.SX.zeros(len(plant.coordinates)), ca.vertsplit(u)
-            for one, size in zip(plant.inputs, given, strict=True):
-                if one.coordinate:
-                    force[plant.coordinates.index(one.coordinate)] += size
-            return plant.accelerations(plant.point(x, values, given if len(given) > 1 else u, t), force)
-
-        free = acceleration(ca.SX.zeros(*u.shape))
-        law = ca.Function("balanced", [x, u, t], [ca.densify(acceleration(u) - free), ca.densify(free)])
-        inputs = np.column_stack([self.stretch.u, self.stretch.others])
-        rows = law(self.z[:-1, : len(plant.states)].T, inputs.T, self.stretch.t[None, :-1])
-        sizes = [np.sqrt(np.mean(np.nan_to_num(one.full(), posinf=0.0, neginf=0.0) ** 2, axis=1)) for one in rows]
-        return np.asarray(np.minimum(*sizes))
+        alone = composite_of(plant, ())
+        x, inputs = self.z[:-1, : len(plant.states)].T, np.vstack([self.stretch.u, self.stretch.others.T])
+        rest = self.stretch.t[None, :-1], alone.vector(self.local(values))
+        whole, free = (
+            rates_of(alone)(x, u, *rest).full()[1 : 2 * len(plant.coordinates) : 2]
+            for u in (inputs, np.zeros_like(inputs))
+        )
+        held = (np.nan_to_num(one, posinf=0.0, neginf=0.0) for one in (whole - free, free))
+        return np.asarray(np.minimum(*(np.sqrt(np.mean(one**2, axis=1)) for one in held)))
 
     # ------------------------------------------------------------------------------------------ linear
 

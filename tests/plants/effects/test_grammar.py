@@ -322,3 +322,6 @@ def test_waves_are_looked_for_half_a_wave_apart_where_no_coloured_force_passes_f
     assert np.diff(counts("axis", "body.wave_of_x")) == pytest.approx(0.5)
     assert max(np.diff(counts("axis", "body.wave_of_t"))) >= 2.0
     assert mechanisms(plant_named("axis"))["body.wave_of_t"].axis is CLOCK
+    # a size and a phase, wherever it acts
+    for plant, name in (("tanks", "h1_store.wave_of_t"), ("axis", "body.wave_of_x")):
+        assert mechanisms(plant_named(plant))[name].effect.parameters[0].low == 0.0

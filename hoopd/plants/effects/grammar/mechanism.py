@@ -241,7 +241,7 @@ class Mechanism:
         return f"{kind}{times} that {self._law.words} {self.axis.words}"
 
     def _parameters(self) -> Iterator[EffectParameter]:
-        low = 0.0 if self.dissipates or (self.shape is not None and self.shape is WAVE) else -inf
+        low = 0.0 if self.dissipates or (self.shape is not None and self.shape.name == WAVE.name) else -inf
         yield EffectParameter("A", self.unit, 0.0, low, inf, grid=(1.0,))
         for name in self.constants:
             place = self.shape is not None and name == "v0" and self.shape.name in PLACED
