@@ -89,31 +89,26 @@ def rate(plant: Plant, q: str) -> Axis:
 def relative(plant: Plant, q: str, other: str) -> Iterator[Axis]:
     """Position and rate of one body against another that it touches, or is joined with through a gear."""
     r = plant.ratio(q, other)
-    if r != 1.0:
-        yield from _geared(plant, q, other, r)
+    if r == 1.0 and units(plant, q).coordinate != units(plant, other).coordinate:
         return
-    if units(plant, q).coordinate != units(plant, other).coordinate:
-        return
-    mine, its = (plant.judges.words.get(one, one) for one in (q, other))
-    one, two = position(plant, q), rate(plant, q)
-    yield Axis(f"{q}_less_{other}", f"({q} - {other})", one.unit, POSITION,
-               lambda s: getattr(s, q) - getattr(s, other), f"the place of {mine} on {its}",
-               turns(plant, q) or turns(plant, other), (q, other),
-               rate=lambda s: getattr(s, f"d{q}") - getattr(s, f"d{other}"))  # fmt: skip
-    yield Axis(f"d{q}_less_d{other}", f"({q}' - {other}')", two.unit, RATE,
-               lambda s: getattr(s, f"d{q}") - getattr(s, f"d{other}"), f"the speed of {mine} against {its}",
-               coordinates=(q, other))  # fmt: skip
-
-
-def _geared(plant: Plant, q: str, other: str, r: float) -> Iterator[Axis]:
     one, two, sign = position(plant, q), rate(plant, q), "-" if r > 0.0 else "+"
-    words = f"{q} {sign} {abs(r):.4g} {other}"
+    less, its = ("less", other) if r == 1.0 else ("less_geared", f"{abs(r):.4g} {other}")
+    mine, place = (plant.judges.words.get(name, name) for name in (q, other))
+    words = f"the place of {mine} on {place}", f"the speed of {mine} against {place}"
+    if r != 1.0:
+        words = f"{q} {sign} {its}", f"the speed of {q} {sign} {its}"
     # what twists a belt does not come back after a turn
-    yield Axis(f"{q}_less_geared_{other}", f"({words})", one.unit, POSITION,
-               lambda s: getattr(s, q) - r * getattr(s, other), words, False, (q, other),
-               rate=lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"))  # fmt: skip
-    yield Axis(f"d{q}_less_geared_d{other}", f"({q}' {sign} {abs(r):.4g} {other}')", two.unit, RATE,
-               lambda s: getattr(s, f"d{q}") - r * getattr(s, f"d{other}"), f"the speed of {words}",
+    turning = r == 1.0 and (turns(plant, q) or turns(plant, other))
+
+    def way(s: Point) -> Any:
+        return getattr(s, q) - r * getattr(s, other)
+
+    def speed(s: Point) -> Any:
+        return getattr(s, f"d{q}") - r * getattr(s, f"d{other}")
+
+    yield Axis(f"{q}_{less}_{other}", f"({q} {sign} {its})", one.unit, POSITION, way, words[0], turning, (q, other),
+               rate=speed)  # fmt: skip
+    yield Axis(f"d{q}_{less}_d{other}", f"({q}' {sign} {its}')", two.unit, RATE, speed, words[1],
                coordinates=(q, other))  # fmt: skip
 
 

@@ -189,12 +189,12 @@ def _coupled(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         return
     for other in plant.coordinates[plant.coordinates.index(q) + 1 :]:
         r = plant.ratio(q, other)
-        alike = units(plant, q).coordinate == units(plant, other).coordinate
-        if (alike or r != 1.0) and _is_joined(plant, q, other):
+        axes = [_paired(axis) for axis in relative(plant, q, other)]
+        if axes and _is_joined(plant, q, other):
             kind = "force" if plant.is_length(q) else "torque"
             words = f"a {kind} between {q} and {other}"
             pair = ActingPlace(name, FORCE, {q: 1.0, other: -r}, plant.disturbance_unit(q), words)
-            place, speed = (_paired(axis) for axis in relative(plant, q, other))
+            place, speed = axes
             if r == 1.0:
                 # what twists a shaft does not come back after a turn
                 place = replace(place, words=f"the difference of {q} and {other}", turning=False)
