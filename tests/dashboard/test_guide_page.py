@@ -79,15 +79,15 @@ def test_signs_torque_and_delay_are_measured_accepted_and_rolled_back(tmp_path: 
         page.ask("document.querySelector('#guide-why').focus()")
         page.type("#guide-why", HOSTILE)
         page.click("#guide-accept")
-        page.wait_for("document.querySelectorAll('[data-version]').length === 1")
+        page.wait_for("document.querySelectorAll('#guide-versions [data-row]').length === 1")
         assert HOSTILE in page.text("#guide-versions") and page.ask("window.broken") is None
         assert "counts from the daemon" in page.text("#guide-force")
         shown = Calibrations(tmp_path / "versions").read(1)
         assert shown.configuration["faults"]["torque_constant_nm_per_a"] == pytest.approx(0.3, abs=0.02)
         Calibrations(tmp_path / "versions").add({"vision": {"threshold": 81.0}}, device="hoop", who="other", why="hand")
-        page.wait_for("document.querySelectorAll('[data-version]').length === 2")
-        page.click("[data-version='1'] button")
-        page.wait_for("document.querySelectorAll('[data-version]').length === 3")
+        page.wait_for("document.querySelectorAll('#guide-versions [data-row]').length === 2")
+        page.click("#guide-versions [data-row='1'] button")
+        page.wait_for("document.querySelectorAll('#guide-versions [data-row]').length === 3")
         assert Calibrations(tmp_path / "versions").in_force().configuration == shown.configuration  # type: ignore[union-attr]
         lines = [json.loads(line) for line in (tmp_path / "audit.jsonl").read_text().splitlines()]
         told = [(one["who"], one["command"]) for one in lines if "calibration" in one["command"] and one["ok"]]
@@ -97,6 +97,6 @@ def test_signs_torque_and_delay_are_measured_accepted_and_rolled_back(tmp_path: 
         ]
         newest = tmp_path / "versions" / "0003.yaml"
         newest.write_text(newest.read_text().replace("restored from 1", "restored from 2"))
-        page.wait_for("document.querySelectorAll('[data-version].spoiled').length === 1")
+        page.wait_for("document.querySelectorAll('#guide-versions [data-row].spoiled').length === 1")
         assert "was changed after it was accepted" in page.text("#guide-force")
         assert page.errors == []

@@ -62,7 +62,7 @@ def test_a_click_leads_from_a_diagnosis_to_a_design_and_from_there_to_the_compar
     bench = Bench(folder, tmp_path / "results", tmp_path / "controllers")
 
     def button(job: int, words: str) -> str:
-        return f"[...document.querySelectorAll('[data-job=\"{job}\"] button')].find(one => one.innerText === '{words}')"
+        return f"[...document.querySelectorAll('[data-row=\"{job}\"] button')].find(one => one.innerText === '{words}')"
 
     def value(name: str) -> str:
         return f"document.querySelector('#job-form [name={name}]').value"
@@ -74,9 +74,9 @@ def test_a_click_leads_from_a_diagnosis_to_a_design_and_from_there_to_the_compar
         opened(tmp_path, f"{web.origin}/#work", 1440, 1000) as page,
     ):
         page.wait_for("document.querySelectorAll('#jobs > li').length === 5")
-        assert SUMMARY in page.text("[data-job='1']") and "--yes" not in page.text("#jobs")
+        assert SUMMARY in page.text("[data-row='1']") and "--yes" not in page.text("#jobs")
         assert page.ask(f"{button(3, 'Compare')}.disabled") is True  # nobody is logged in
-        assert "Design with this model" not in page.text("[data-job='5']")  # of another plant
+        assert "Design with this model" not in page.text("[data-row='5']")  # of another plant
         page.ask(f"{button(2, 'Report')}.click()")
         above = "document.querySelector('#viewer-steps button:last-of-type')"  # the report that is open
         page.wait_for(f"{above}?.innerText === 'Again, and write the model' && {above}.disabled")
@@ -98,7 +98,7 @@ def test_a_click_leads_from_a_diagnosis_to_a_design_and_from_there_to_the_compar
         page.ask(f"{button(1, 'Report')}.click()")
         bench.jobs.remove(4)
         design = "page.work.jobs.design({number: 4, order: {kind: 'identify', fields: {}}})"
-        page.wait_for("!document.querySelector('[data-job=\"4\"]')")
+        page.wait_for("!document.querySelector('[data-row=\"4\"]')")
         page.ask(f"void {design}")
         assert "the model of job 4 is not there any more" in page.text("#answer")
         assert page.ask(value("model")) == "1/model.yaml" and page.text("#viewer-steps")

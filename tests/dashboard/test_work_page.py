@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -79,6 +80,31 @@ def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
         page.size(390, 844)
         assert page.ask("document.documentElement.scrollWidth - innerWidth") <= 0
         assert page.ask("window.broken") is None and page.errors == []
+
+
+def test_a_recording_that_comes_takes_neither_the_focus_nor_a_note_half_written(tmp_path: Path) -> None:
+    folder, settings = lay_out(tmp_path / "recordings"), controlled(tmp_path)
+    operators = Operators({settings.endpoint: (settings.control_endpoint, settings.control_zenoh)})
+    focused = "document.activeElement.getAttribute('aria-label') || document.activeElement.innerText"
+    row = "document.activeElement.closest('tr').dataset.row"
+    bench = Bench(folder, tmp_path / "results")
+    with (
+        running(settings) as telemetry,
+        Ticks(telemetry.gate),
+        served(Feed([settings.endpoint], {}), operators, bench=bench) as web,
+        opened(tmp_path, f"{web.origin}/#work", 1440, 1000) as page,
+    ):
+        page.wait_for(f"{ROWS} === 4 && {THUMBNAILS} === 6")
+        log_in(page)
+        page.ask("document.querySelector('#recordings [data-row=\"second.csv\"]').querySelectorAll('button')[1].click()")
+        page.type("textarea", "a strange st")
+        shutil.copy(folder / "first.csv", folder / "a new one.csv")
+        page.wait_for(f"{ROWS} === 6")  # one is the note's
+        assert page.ask(focused) == "Note" and page.ask("document.activeElement.value") == "a strange st"
+        page.ask("document.querySelector('#recordings [data-row=\"second.csv\"] button').focus()")
+        shutil.copy(folder / "first.csv", folder / "another.csv")
+        page.wait_for(f"{ROWS} === 7")
+        assert page.ask(focused) == "Plot" and page.ask(row) == "second.csv"
 
 
 def test_a_server_without_recordings_says_so(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 // What `hoopd learn` and `hoopd heal` do beside the daemon: the story so far, the versions, and what is asked of a person.
 
-import { byId, clock, element, number, say, short } from './text.js';
+import { byId, clock, element, number, renew, say, short } from './text.js';
 import { closePage, openPage } from './viewer.js';
 
 const ASK_MS = 1500;
@@ -38,7 +38,7 @@ export class Follow {
     this.shown = shown;
     byId('follow-none').hidden = this.told.length > 0;
     say(byId('follow-none'), 'This server was started without --follow FOLDER: the folder of a hoopd learn or hoopd heal.');
-    byId('followed').replaceChildren(...this.told.map((one, place) => this.panel(one, place)));
+    renew(byId('followed'), () => this.told.map((one, place) => this.panel(one, place)));
   }
 
   panel(one, place) {
@@ -46,7 +46,7 @@ export class Follow {
     const state = element('p', { class: 'detail', role: 'status' }, one.reason || this.state(one));
     const asks = one.asks ? [element('p', { class: 'asks' }, element('b', {}, 'Asked of a person: '), one.asks, '.')] : [];
     const body = one.kind === 'heal' ? this.versions(one, place) : one.kind === 'learn' ? this.runs(one, place) : [];
-    return element('article', { class: 'panel', 'aria-labelledby': `followed-${place}` }, title, state, ...asks, ...body);
+    return element('article', { class: 'panel', 'data-row': place, 'aria-labelledby': `followed-${place}` }, title, state, ...asks, ...body);
   }
 
   state(one) {
@@ -74,7 +74,7 @@ export class Follow {
   }
 
   versions(one, place) {
-    const rows = one.versions.map(version => element('tr', { 'data-state': version.number === one.acting ? 'acting' : null },
+    const rows = one.versions.map(version => element('tr', { 'data-row': `${place}/${version.number}`, 'data-state': version.number === one.acting ? 'acting' : null },
       element('th', { scope: 'row' }, `${version.number}${version.number === one.acting ? ' (acts)' : ''}`),
       element('td', {}, clock(version.begun)), element('td', { title: version.history.join('\n') }, version.state),
       element('td', {}, `${version.reason}${version.decided_by ? ` (${version.decided_by})` : ''}`), element('td', {}, number(version.nats, 0)),

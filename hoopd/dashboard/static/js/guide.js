@@ -1,7 +1,7 @@
 // The guided calibration: steps in their order, each with what it found, its plot and a word; below them the versions.
 
 import { figure } from './drawing.js';
-import { byId, clock, element, say } from './text.js';
+import { byId, clock, element, renew, say } from './text.js';
 
 const ASK_MS = 1500, STEP_MS = 20000;
 const sentence = words => `${words.charAt(0).toUpperCase()}${words.slice(1)}`;
@@ -158,14 +158,14 @@ export class Guide {
       : force.differs.length ? `Version ${force.number} counts from the daemon’s next start; other there now: ${force.differs.join(', ')}.` : `The daemon runs with version ${force.number}.`;
     say(byId('guide-force'), wrong ? `The daemon cannot start with version ${versions[0].number}: ${wrong}. Roll back to an earlier one.` : state);
     byId('guide-force').dataset.state = wrong || force.differs?.length ? 'note' : '';
-    byId('guide-versions').replaceChildren(...versions.map(one => this.version(one, one === versions[0], may)));
+    renew(byId('guide-versions'), () => versions.map(one => this.version(one, one === versions[0], may)));
   }
 
   version(one, newest, may) {
     const changes = one.changes.map(({ key, before, now }) => element('li', {}, element('code', {}, key), ` ${shown(before)} → ${shown(now)}`));
     const proofs = (one.evidence ?? []).map(name => element('a', { href: address('evidence', { number: one.number, name }), target: '_blank', rel: 'noopener' }, name));
     const steps = Object.entries(one.steps ?? {}).map(([name, { good, why }]) => element('li', { 'data-good': String(good) }, `${name}: ${good ? 'good' : 'doubtful'}, ${why}`));
-    return element('li', { class: one.wrong ? 'spoiled' : '', 'data-version': one.number },
+    return element('li', { class: one.wrong ? 'spoiled' : '', 'data-row': one.number },
       element('div', { class: 'head' }, element('b', {}, `Version ${one.number}${newest ? ', newest' : ''}`),
         newest || one.date === undefined ? '' : element('button', { type: 'button', disabled: !may, onclick: () => this.restore(one.number) }, 'Roll back to it')),
       element('small', {}, one.date ? `${one.date.slice(0, 10)} ${clock(Date.parse(one.date) / 1e3)} · ${one.who} · ${one.why}` : ''),

@@ -1,6 +1,6 @@
 // Jobs: what may be asked for, what waits, runs and is over, and what it wrote.
 
-import { byId, element, inClicks, number, say } from './text.js';
+import { byId, element, inClicks, number, renew, say } from './text.js';
 
 const WORDS = { waiting: 'waits', running: 'runs', done: 'done', failed: 'failed', cancelled: 'cancelled' };
 const LABELS = {
@@ -24,7 +24,7 @@ export class Jobs {
     const shown = JSON.stringify([told.jobs, this.work.commands.user]);
     if (shown === this.listed) return;
     this.listed = shown;
-    byId('jobs').replaceChildren(...(told.jobs.length ? told.jobs.map(job => this.row(job)) : [element('li', { class: 'nothing' }, 'none yet')]));
+    renew(byId('jobs'), () => (told.jobs.length ? told.jobs.map(job => this.row(job)) : [element('li', { class: 'nothing' }, 'none yet')]));
     this.work.renew();
   }
 
@@ -174,7 +174,7 @@ export class Jobs {
     const act = (label, path) => element('button', { type: 'button', disabled: !may, onclick: () => this.work.change(`job ${job.number}: ${label}`, path, { number: job.number }) }, label);
     const open = name => this.work.open(`job ${job.number}: ${LABELS[name]}`, address(job.number, name), name === 'report.html' ? () => this.stepsNow(job.number) : undefined);
     const over = !['waiting', 'running'].includes(state), steps = over ? this.steps(job) : [];
-    return element('li', { 'data-state': state, 'data-job': job.number },
+    return element('li', { 'data-state': state, 'data-row': job.number },
       element('div', { class: 'row' }, element('b', {}, `${job.number} ${order.kind}`), element('span', {}, `${WORDS[state]}${seconds && over ? ` in ${number(seconds, 0)} s` : ''}`)),
       element('small', {}, [on.join(', '), `by ${job.who}`].filter(Boolean).join(' · ')),
       state === 'running' ? element('progress', progress?.share === null || progress?.share === undefined ? {} : { value: progress.share }) : '',

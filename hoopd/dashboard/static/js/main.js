@@ -15,7 +15,7 @@ import { ModeLine } from './modes.js';
 import { Panels } from './panels.js';
 import { Picture } from './picture.js';
 import { Target } from './target.js';
-import { byId, element, say } from './text.js';
+import { byId, element, renew, say } from './text.js';
 import { Theme } from './theme.js';
 import { Views } from './views.js';
 import { Work } from './work.js';
@@ -104,8 +104,8 @@ class Page {
     const shown = JSON.stringify([device?.identity, all.map(one => [one.identity, one.word('mode'), this.stale(one)])]);
     if (shown === this.tabs) return;
     this.tabs = shown;
-    byId('devices').replaceChildren(...all.map((one, place) => element('button', {
-      type: 'button', 'aria-pressed': String(one === device), title: `${one.state.endpoint} (${place + 1})`,
+    renew(byId('devices'), () => all.map((one, place) => element('button', {
+      type: 'button', 'aria-pressed': String(one === device), 'data-row': one.identity, title: `${one.state.endpoint} (${place + 1})`,
       onclick: () => this.choose(one),
     }, element('b', {}, names.indexOf(one.state.name) === names.lastIndexOf(one.state.name) ? one.state.name : one.identity),
     element('span', { 'data-mode': this.stale(one) ? 'stale' : one.word('mode') }, this.stale(one) ? 'gone' : one.word('mode')))));

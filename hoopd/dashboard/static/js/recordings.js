@@ -1,6 +1,6 @@
 // The table of recordings: search, choose, plot, compare, download, and what people wrote about them.
 
-import { byId, drawn, element, number, say } from './text.js';
+import { byId, drawn, element, number, renew, say } from './text.js';
 
 const WIDE = 120, HIGH = 34;
 const COMPARED = 6;
@@ -31,7 +31,7 @@ const thumbnail = ({ curves }) => drawn('svg', { viewBox: `0 0 ${WIDE} ${HIGH}`,
 
 export class Recordings {
   constructor(work) {
-    Object.assign(this, { work, chosen: new Set(), listed: [], shown: '' });
+    Object.assign(this, { work, chosen: new Set(), listed: [], shown: '', writing: new Map() });
     this.search = element('input', { type: 'search', placeholder: 'name, tag or note', 'aria-label': 'Search recordings', oninput: () => this.draw() });
     this.plot = element('button', { type: 'button', onclick: () => this.look([...this.chosen]) }, 'Plot');
     this.count = element('small', { class: 'detail' });
@@ -61,9 +61,9 @@ export class Recordings {
   draw() {
     const { found } = this;
     const head = ['', 'Recording', '', 'Length', 'Changed', 'Size', ''].map(name => element('th', { scope: 'col' }, name));
-    byId('recordings').replaceChildren(found.length
-      ? element('table', {}, element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...found.map(one => this.row(one))))
-      : element('p', { class: 'detail' }, this.listed.length ? 'None with these words.' : 'No recording in the folder.'));
+    renew(byId('recordings'), () => [found.length
+      ? element('table', {}, element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...found.flatMap(one => [this.row(one), this.writing.get(one.name)].filter(Boolean))))
+      : element('p', { class: 'detail' }, this.listed.length ? 'None with these words.' : 'No recording in the folder.')]);
     this.tell();
   }
 
@@ -86,7 +86,7 @@ export class Recordings {
     });
     box.checked = this.chosen.has(one.name);
     const length = glance?.seconds === undefined ? (glance ? '–' : '…') : `${number(glance.seconds, glance.seconds < 100 ? 1 : 0)} s`;
-    return element('tr', {},
+    return element('tr', { 'data-row': one.name },
       element('td', {}, box),
       element('td', { class: 'name' }, one.name, element('br'), ...one.tags.map(tag => element('span', { class: 'tag' }, tag)),
         element('small', {}, glance?.wrong ?? one.note)),
@@ -104,22 +104,24 @@ export class Recordings {
     this.work.open(names.join(', '), `/api/work/plot?${query(names)}`);
   }
 
-  /** Tags and a note, below the row. */
+  /** Tags and a note, below the row, until they are kept or put away. */
   write(one, row) {
-    if (row.nextElementSibling?.classList.contains('writing')) {
-      row.nextElementSibling.remove();
-      return;
-    }
+    const away = () => {
+      this.writing.get(one.name)?.remove();
+      return this.writing.delete(one.name);
+    };
+    if (away()) return;
     const tags = element('input', { value: one.tags.join(', '), 'aria-label': 'Tags, separated by commas', placeholder: 'tags, separated by commas' });
     const note = element('textarea', { 'aria-label': 'Note', placeholder: 'note' }, one.note);
     const keep = async event => {
       event.preventDefault();
       const remark = { name: one.name, tags: tags.value.split(','), note: note.value };
-      if (await this.work.change(`note on ${one.name}`, 'remark', remark)) form.closest('tr')?.remove();
+      if (await this.work.change(`note on ${one.name}`, 'remark', remark)) away();
     };
     const may = Boolean(this.work.commands.user);
     const form = element('form', { class: 'remark', onsubmit: keep }, tags, note,
       element('div', {}, element('button', { class: 'primary', disabled: !may }, 'Keep'), may ? '' : ' Log in to write.'));
-    row.after(element('tr', { class: 'writing' }, element('td', { colspan: 7 }, form)));
+    this.writing.set(one.name, element('tr', { class: 'writing' }, element('td', { colspan: 7 }, form)));
+    row.after(this.writing.get(one.name));
   }
 }

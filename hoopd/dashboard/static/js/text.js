@@ -31,6 +31,20 @@ export function say(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
+/** Children, as `make` makes them, in the place of those before; who has the focus there keeps it, and never gets another row's. */
+export function renew(parent, make) {
+  const focused = parent.contains(document.activeElement) ? document.activeElement : null;
+  const seen = focused?.matches(':focus-visible');
+  const is = focused && identity(focused);
+  parent.replaceChildren(...make());
+  if (!focused) return;
+  const same = parent.contains(focused) ? focused : [...parent.querySelectorAll(focused.tagName)].find(one => identity(one) === is);
+  same?.focus({ preventScroll: true, focusVisible: seen });
+}
+
+/** What a control is: its row and, within that, what it says. */
+const identity = one => JSON.stringify([one.closest('[data-row]')?.dataset.row, 'row' in one.dataset || (one.getAttribute('aria-label') ?? one.textContent)]);
+
 /** A number with a fixed count of decimals, a real minus, and a dash when it is missing. */
 export function number(value, decimals = 3, sign = false) {
   if (value === null || value === undefined || !Number.isFinite(value)) return '–';
