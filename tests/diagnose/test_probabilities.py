@@ -289,7 +289,7 @@ def test_what_several_names_leave_is_told_once() -> None:
 
 
 def test_parameters_alone_are_never_sure_and_wrong_beside_a_fault() -> None:
-    assert 0.05 < TOO_SMALL < 0.5  # a belief of next to nothing would call parameters sure
+    assert 0.02 < TOO_SMALL < 0.5  # a belief of next to nothing would call parameters sure
     found = likely([Option(PARAMETERS, 12.0), too_small(12.0), Option("a", 2.0)])
     assert found.shares[PARAMETERS] == pytest.approx(1.0 - TOO_SMALL, abs=1e-3)
     assert found.none == pytest.approx(TOO_SMALL, abs=1e-3)
