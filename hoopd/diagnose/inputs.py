@@ -82,7 +82,7 @@ def _stretch(name: str, part: Timeline, begin: float, quality: Quality, slew: fl
     found = replace(found, slew=slew)
     for channel, one in quality.channels.items():
         if channel in plant.channels and np.isfinite(one.quantum):
-            found = found.unevenly_sampled(channel, one.jitter_s, one.quantum / np.sqrt(12.0))
+            found = found.unevenly_sampled(channel, one.jitter_s, one.even_sigma)
     return spaced(found)
 
 

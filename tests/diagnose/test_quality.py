@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import spoiled
-from diagnose.madeup import assess
+from diagnose.madeup import assess, shipped_plant
 from freeruns import COUNT_RAD, PSI_SIGMA_RAD
 from samples import sampled
 from shared import shared_path
 
 from hoopd.diagnose.camera_faults import camera_faults
+from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.quality import recording_quality
 from hoopd.diagnose.quality import standstill as stops
 from hoopd.diagnose.quality.recording_quality import cleaned
@@ -207,8 +208,22 @@ def test_uneven_sampling_of_the_encoder_is_no_false_value():
     theta = np.round((recording.theta + error) / COUNT_RAD) * COUNT_RAD
     quality = assess(replace(recording, theta=theta))
     assert quality.channels["theta"].jitter_s == pytest.approx(3e-4, rel=0.2)
+    assert quality.channels["theta"].even_sigma < COUNT_RAD
     assert quality.channels["theta"].outliers.mean() < 0.005
     assert any("too early or too late" in note for note in quality.notes)
+
+
+def test_a_rate_that_is_rounded_far_below_its_noise_is_as_noisy_as_it_is():
+    """Its rounding is no noise floor: by that, a little unevenness made it ten times as noisy where it changed fast."""
+    recording, plant = spoiled.clean(1, kind="many"), shipped_plant()
+    changes = np.gradient(recording.dtheta, recording.t)
+    uneven = np.random.default_rng(1).normal(0.0, 2e-3, len(recording)) * changes
+    rounded = replace(recording, dtheta=np.round(recording.dtheta + uneven, 2))
+    one = assess(rounded).channels["dtheta"]
+    assert one.jitter_s > 0.0 and one.even_sigma > 5.0 * one.quantum
+    column = list(plant.channels).index("dtheta")
+    scatter = np.concatenate([part.scatter[:, column] for part in source_of("a", rounded, plant).stretches])
+    assert 1.0 < scatter.max() < 5.0 and np.median(scatter) < 1.5
 
 
 def test_a_camera_slower_than_the_rows_is_said():

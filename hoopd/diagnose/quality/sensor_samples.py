@@ -78,6 +78,7 @@ class JudgedSamples:
     late_share: Share = NONE
     errors: Errors | None = None
     jitter_s: float = 0.0  # of the instants of sampling, as the scatter of a moving angle shows it
+    even_sigma: float = float("nan")  # noise of a sample beside that, as of one that does not move
 
     def outlier_share(self) -> Share:
         """Of false values that are a population of their own, far from the errors of the others."""
@@ -152,19 +153,20 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
     floor = step / sqrt(12.0) if np.isfinite(step) else _least(recording, name)
     if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
-    path, jitter_s = np.zeros(len(values)), 0.0
+    path, jitter_s, even_sigma = np.zeros(len(values)), 0.0, float("nan")
     # no course is needed to know a sample that jumps farther than any of this recording's motion does
     false = jumping(usable, values, usable, floor, together=False)
     try:
         found = split(
             t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor
         )
-        path, jitter_s = found.path, found.jitter_s
+        path, jitter_s, even_sigma = found.path, found.jitter_s, found.sigma
         false |= jumping(found.false > SURE, values, usable, found.sigma)
     except NotFollowedError:
         pass
     sigma = max(noise_floor(t, np.where(usable & ~false, values - path, np.nan)), floor)
-    return replace(whole, sigma=sigma, counts=usable & ~false, outliers=false, jitter_s=jitter_s)
+    whole = replace(whole, sigma=sigma, counts=usable & ~false, outliers=false)
+    return replace(whole, jitter_s=jitter_s, even_sigma=even_sigma)
 
 
 def _constant(values: Array) -> bool:
