@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,8 @@ FALLEN, MOST_TURNS = 0.5, 4
 # A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
 # so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
 WORSE_NATS, MOST_HALVINGS = 100.0, 6
+# Where a friction turns round between two readings steps lead away again: a search ends where it was likeliest.
+LED_AWAY_NATS = 0.5
 
 
 @dataclass
@@ -177,36 +180,70 @@ def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
 
 
 def _search(found: HypothesisFit, most: int) -> None:
+    likeliest = least = _value(found)
+    best = _place(found)
     for _ in range(most):
         delta = _solution(found)
         size = np.sqrt(np.maximum(np.diag(found.covariance), 1e-300))
         if not _stepped(found, delta):
             break
         found.steps += 1
+        likeliest = _value(found)
+        if likeliest < least:
+            least, best = likeliest, _place(found)
         if np.max(np.abs(delta) / size, initial=0.0) < SETTLED:
             break
+    if likeliest > least + LED_AWAY_NATS:
+        _put_back(found, best)
     _solution(found)
 
 
+class _Place(NamedTuple):
+    """Where a search is."""
+
+    values: dict[str, float]
+    columns: list[Columns]
+    gains: list[Gains]
+    rows: list[Array]
+    references: list[tuple[Array, ...]]
+
+
+def _place(found: HypothesisFit) -> _Place:
+    references: list[tuple[Array, ...]] = [(one.z, one.w, one.filtered, one.predicted) for one in found.tracks]
+    return _Place(dict(found.values), found.columns, found.gains, found.rows, references)
+
+
+def _put_back(found: HypothesisFit, place: _Place) -> None:
+    found.values, found.columns, found.gains, found.rows = dict(place.values), place.columns, place.gains, place.rows
+    for track, reference in zip(found.tracks, place.references, strict=True):
+        track.moved(*reference)
+
+
 def _stepped(found: HypothesisFit, delta: Array) -> bool:
-    """One step, halved as long as it makes the fit clearly worse; False when it always does: all is as before."""
-    worst = _value(found) + WORSE_NATS
-    before, columns, whitening, rows = dict(found.values), found.columns, found.gains, found.rows
-    references = [(track.z, track.w, track.filtered, track.predicted) for track in found.tracks]
-    for _ in range(1 + MOST_HALVINGS):
-        found.values = _moved(found, delta)
-        _move_references(found, np.array([found.values[n] - before[n] for n in found.free]))
+    """One step, of parameters and trajectory, halved as long as it makes the fit clearly worse; False when it always
+    does: all is as before."""
+    worst, before = _value(found) + WORSE_NATS, _place(found)
+    for halved in range(1 + MOST_HALVINGS):
+        share = 0.5**halved
+        found.values = _moved(found, share * delta)
+        _move_references(found, np.array([found.values[n] - before.values[n] for n in found.free]))
+        if halved:
+            _draw_back(found.tracks, before.references, share)
         found.columns = _columns(found)
         if _is_finite([part for one in found.columns for part in (one.f, one.eps, one.model.a, one.model.c)]):
             with np.errstate(all="ignore"):  # a step too far may leave all numbers: it is not taken
                 _whiten(found)
             if _is_finite(found.rows) and _value(found) <= worst:
                 return True
-        found.values, found.columns, found.gains, found.rows = dict(before), columns, whitening, rows
-        for track, reference in zip(found.tracks, references, strict=True):
-            track.moved(*reference)
-        delta = delta / 2.0
+        _put_back(found, before)
     return False
+
+
+def _draw_back(tracks: Sequence[Track], references: Sequence[tuple[Array, ...]], share: float) -> None:
+    """This share of the way from the references to where the tracks are."""
+    for track, before in zip(tracks, references, strict=True):
+        now = (track.z, track.w, track.filtered, track.predicted)
+        track.moved(*(old + share * (new - old) for old, new in zip(before, now, strict=True)))
 
 
 def _value(found: HypothesisFit) -> float:
