@@ -15,7 +15,13 @@ from hoopd.diagnose.proof.fit_tables import nrmse
 from hoopd.diagnose.proof.fold_runs import blocks_of, fold_runs
 from hoopd.diagnose.proof.free_run_refinement import Pull
 from hoopd.diagnose.proof.two_estimates import beyond_chance
-from hoopd.diagnose.proof.written_parameters import ParameterSet, chosen, mean_percent, written_parameters
+from hoopd.diagnose.proof.written_parameters import (
+    ParameterSet,
+    chosen,
+    least_moved,
+    mean_percent,
+    written_parameters,
+)
 from hoopd.diagnose.search.folds import FOLDS, fold_values
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretch_scatter import interval
@@ -61,7 +67,7 @@ def test_a_held_back_block_has_no_say_in_the_parameters_that_simulate_it(
         return SimpleNamespace(values=dict(values), cost=1.0)
 
     monkeypatch.setattr(module, "_simulated", simulated)
-    module._by_output_error(found, Pull({}, {}, 0.0), 0.1)
+    module._by_output_error(found, PLANT.values, Pull({}, {}, 0.0), 0.1)
     whole, *held = asked
     assert len(whole) == FOLDS and held == [[t for j, t in enumerate(whole) if j != k] for k in range(FOLDS)]
 
@@ -74,7 +80,8 @@ def test_what_has_nothing_free_is_simulated_as_it_is(found: HypothesisFit) -> No
 
 
 def _candidate(kind: str, percent: float) -> ParameterSet:
-    return ParameterSet(kind, {}, [], percent)
+    nothing: Any = None
+    return ParameterSet(kind, {}, nothing, percent, nothing)
 
 
 def test_of_equally_good_ones_the_one_nearest_to_the_users_is_taken() -> None:
@@ -95,14 +102,43 @@ def test_the_written_model_is_simulated_no_worse_than_any_kind_and_says_which_it
     monkeypatch.setattr(module, "beyond_chance", lambda *_: {**dict.fromkeys(found.free, 0.0), "K2": wrong})
     users = {**PLANT.values, "K2": 0.9 * PLANT.values["K2"]}
     written = written_parameters(found, users)
-    assert [one.kind.split(",")[0] for one in each] == [
-        "yours", *["output error"] * (len(module.DRAWN) if wrong else 0), "the likelihood's"
-    ]  # fmt: skip
+    kinds = ["yours", *["output error"] * (len(module.DRAWN) if wrong else 0), "the likelihood's"]
+    each = each[: len(kinds)]  # those after them hold some parameters
+    assert [one.kind.split(",")[0] for one in each] == kinds
     best = max(each, key=lambda one: one.percent)
     assert best.percent > each[0].percent + 1.0  # the user's is off
     assert written.note.startswith(f"parameters of the model are those of {chosen(each).kind}: ")
     assert abs(written.fit.values["K2"] / PLANT.values["K2"] - 1.0) < 0.03
     assert found.values["K2"] != users["K2"]  # the fit itself is as it was
+
+
+def test_only_what_the_blocks_ask_for_moves(found: HypothesisFit) -> None:
+    users = {**PLANT.values, "K2": 0.9 * PLANT.values["K2"]}
+    written = written_parameters(found, users)
+    stays = {name for name in found.free if written.fit.values[name] == users[name]}
+    assert "K2" not in stays and len(stays) > len(found.free) / 2  # of the others the user's are the true ones
+    note = written.note.partition("; of these ")[2]
+    assert all(name in note for name in stays) and "yours" in note and "K2" not in note
+    for name in stays:
+        low, high = interval(written.fit, name) or (0.0, 0.0)
+        assert low <= found.values[name] <= high  # what the likelihood has is not ruled out
+
+
+def test_what_matters_only_in_a_sum_stays_where_the_others_make_up_for_it(found: HypothesisFit) -> None:
+    """Each is asked as it is first, then with the others fitted beside it; nothing stays that makes a channel worse."""
+    runs = fold_runs(found)
+    worse = fold_runs(found, [{**one, "K2": 0.8 * one["K2"]} for one in fold_values(found)])
+    asked: list[tuple[tuple[str, ...], bool]] = []
+
+    def held(names: Any, others: bool) -> ParameterSet:
+        asked.append((tuple(names), others))
+        good = "bad" not in names and ("sum" not in names or others)
+        return ParameterSet("held", {}, runs if good else worse, 90.0 + len(asked) / 100.0, held)
+
+    best = ParameterSet("best", {}, runs, 90.0, held)
+    _, stay = least_moved(best, ["bad", "alone", "sum"])
+    assert stay == ["alone", "sum"]
+    assert (("alone", "sum"), True) in asked and (("sum",), False) in asked
 
 
 def test_where_the_users_own_are_as_good_they_stay(found: HypothesisFit) -> None:
@@ -126,7 +162,7 @@ def test_an_interval_holds_what_two_kinds_of_estimate_are_apart_by(found: Hypoth
 
 def test_where_the_model_is_right_two_estimates_agree_and_where_it_is_not_they_are_apart(found: HypothesisFit) -> None:
     """What the likelihood is off by is told, in the parameter's unit; nothing of the others."""
-    simulated = module._simulated(found, found.values, blocks_of(found), None)
+    simulated = module._simulated(found, found.values, blocks_of(found), None, found.free)
     assert beyond_chance(found, simulated) == dict.fromkeys(found.free, 0.0)
     off = {**found.values, "K2": 1.3 * found.values["K2"]}
     told = beyond_chance(replace(found, values=off), simulated)
@@ -141,6 +177,7 @@ def test_what_they_are_apart_by_widens_an_interval_whichever_is_written(
     half = {name: (ends[1] - ends[0]) / 2.0 for name in found.free if (ends := interval(found, name)) is not None}
     monkeypatch.setattr(module, "beyond_chance", lambda *_: {**dict.fromkeys(found.free, 0.0), "K2": 3.0 * half["K2"]})
     monkeypatch.setattr(module, "chosen", lambda each: each[-1])
+    monkeypatch.setattr(module, "_unsure", lambda *_: [])
     written = written_parameters(found, PLANT.values).fit
     assert written.values == found.values
     assert written.widths["K2"] == pytest.approx(np.sqrt(10.0) * half["K2"])
