@@ -96,7 +96,9 @@ def test_a_recording_that_comes_takes_neither_the_focus_nor_a_note_half_written(
     ):
         page.wait_for(f"{ROWS} === 4 && {THUMBNAILS} === 6")
         log_in(page)
-        page.ask("document.querySelector('#recordings [data-row=\"second.csv\"]').querySelectorAll('button')[1].click()")
+        page.ask(
+            "document.querySelector('#recordings [data-row=\"second.csv\"]').querySelectorAll('button')[1].click()"
+        )
         page.type("textarea", "a strange st")
         shutil.copy(folder / "first.csv", folder / "a new one.csv")
         page.wait_for(f"{ROWS} === 6")  # one is the note's

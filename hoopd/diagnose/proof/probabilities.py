@@ -25,8 +25,8 @@ from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS
 MOST_NATS = 50.0
 # Beliefs before any data, of about what the proof showed with other seeds than the one that judges. Where nothing is
 # found, one time in ten something acts that is too small for these recordings; and of laws that are found, as many as
-# this are the nearest of the vocabulary to one that is not in it, without a trace beside them. A law that held-out data deny is as likely
-# another one as itself, whatever the data say that it was fitted to.
+# this are the nearest of the vocabulary to one that is not in it, without a trace beside them. A law that held-out data
+# deny is as likely another one as itself, whatever the data say that it was fitted to.
 TOO_SMALL, UNLISTED, DENIED = 0.1, 0.07, 0.5
 
 

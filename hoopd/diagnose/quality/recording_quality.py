@@ -27,7 +27,7 @@ from hoopd.diagnose.quality.sensor_samples import (
     weight_of,
 )
 from hoopd.diagnose.quality.sensors import Sensor, rates_of, sensors_of, turning_cameras
-from hoopd.diagnose.quality.standstill import Clock, clock, saturated_share, unanswered
+from hoopd.diagnose.quality.standstill import Clock, clock, reaches, saturated_share, unanswered
 from hoopd.diagnose.quality.turns import turned
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
@@ -256,10 +256,15 @@ def _limited(recording: Recording, plant: Plant) -> list[str]:
     return [
         *(f"{words[name]} is the same in all rows: the recording does not tell what it does" for name in still),
         *(
-            f"{words[name]} stays at its limit in {100.0 * share:.2g} % of the rows"
-            for name, share in shares.items() if share
+            f"{words[name]} stays at {_end(columns[one.name], one.limit)} in {100.0 * share:.2g} % of the rows"
+            for one in plant.inputs if (share := shares[name := one.name])
         ),
     ]  # fmt: skip
+
+
+def _end(u: Array, limit: float | None) -> str:
+    """Where an input stays: at the limit that is known, or at one that its own largest value may be."""
+    return "its limit" if reaches(u, limit) else f"its largest value ({np.nanmax(np.abs(u)):.3g})"
 
 
 def _in_other_units(recording: Recording, plant: Plant) -> list[str]:

@@ -98,13 +98,18 @@ def _driven(u: Array, level: float) -> bool:
     return bool(np.mean(u >= 0.999 * level) > 0.5)
 
 
+def reaches(u: Array, limit: float | None) -> bool:
+    """Whether an input comes to a limit that is known."""
+    return limit is not None and bool(np.nanmax(np.abs(u)) >= limit * (1.0 - 1e-6))
+
+
 def saturated_share(u: Array, limit: float | None = None) -> float:
     """Share of rows that stay at an input's known limit; else at its largest value, for longer than it is held anywhere
     else, of an input with more than a few levels (else 0: two levels)."""
     seen = np.abs(u[np.isfinite(u)])
     if len(seen) == 0 or len(np.unique(seen)) < LEVELS:
         return 0.0
-    is_known = limit is not None and seen.max() >= limit * (1.0 - 1e-6)
+    is_known = reaches(u, limit)
     top = seen >= (limit if is_known and limit is not None else seen.max()) * (1.0 - 1e-6)
     held = np.diff(np.flatnonzero(np.diff(u[np.isfinite(u)], prepend=np.nan, append=np.nan) != 0.0))
     least = STAYS if is_known else max(STAYS, HELD_LONGER * float(np.median(held)))

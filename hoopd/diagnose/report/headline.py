@@ -203,7 +203,13 @@ def certainty_sentence(diagnosis: Diagnosis) -> str:
     told = (kept(diagnosis) or diagnosis.effects)[:MOST_TOLD]
     if told:
         none = none_of_them(diagnosis)
-        other = "" if none is None else f"; that one of them is no known law at all: {chance(none)}"
+        those = "one of them" if len(told) > 1 else "it"
+        which = (
+            those
+            if diagnosis.remains is None
+            else f"what remains beside {'them' if len(told) > 1 else 'it'}, or {those},"
+        )
+        other = "" if none is None else f"; that {which} is no known law at all: {chance(none)}"
         each = "; ".join(map(_certainty, told))
         law = "" if lawless(diagnosis) else ", and that it is this very law"
         return f"How sure that something acts there{law}: {each}{other}."
