@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from hoopd.diagnose.camera_faults import CountedFault
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
+from hoopd.diagnose.proof.disagreement import Differs
 from hoopd.diagnose.proof.finding_standings import Standing, Standings
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse, with_and_without
 from hoopd.diagnose.proof.not_excluded import Separation
@@ -26,6 +27,7 @@ from hoopd.diagnose.record import (
     Base,
     Candidate,
     Curve,
+    Disagreement,
     EffectFinding,
     Evidence,
     Fits,
@@ -82,6 +84,23 @@ def base_of(model: str, named: Named, final: HypothesisFit) -> Base:
             if name in units
         },
     )  # fmt: skip
+
+
+def disagreement_of(
+    differs: Differs | None, found: HypothesisFit, library: Mapping[str, Effect]
+) -> Disagreement | None:
+    """As a record; `library`: whose effects were asked."""
+    if differs is None:
+        return None
+    units = _units(found) | {e.key(p.name): p.unit for e in (*library.values(), *found.effects) for p in e.parameters}
+    return Disagreement(
+        name=differs.name,
+        unit=units.get(differs.name, ""),
+        by_recording=dict(differs.values),
+        log_likelihood_gain=differs.gain,
+        by_chance=differs.by_chance,
+        not_excluded=list(differs.alike),
+    )
 
 
 def _units(found: HypothesisFit) -> dict[str, str]:

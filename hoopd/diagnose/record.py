@@ -226,6 +226,18 @@ class Remains(_Part, frozen=True):
     by_chance: Number
 
 
+class Disagreement(_Part, frozen=True):
+    """A number that the recordings would have in different ways, beyond chance: its value in each, as linear about the
+    final fit; nats over one value for all, and what chance alone reaches. `not_excluded`: others that may differ."""
+
+    name: str
+    unit: str
+    by_recording: dict[str, Number]
+    log_likelihood_gain: Number
+    by_chance: Number
+    not_excluded: list[str] = []
+
+
 class NextExperiment(_Part, frozen=True):
     """The experiment that tells two explanations apart, and the nats that it is expected to bring."""
 
@@ -332,6 +344,7 @@ class Diagnosis(_Part, frozen=True):
     refused: list[Refused] = []
     power: dict[str, Visible] = {}
     remains: Remains | None = None
+    disagreement: Disagreement | None = None
     notes: list[str] = []
     memory: UsedMemory | None = None
     summary: str = ""  # in plain words; a file that is written has it

@@ -17,6 +17,7 @@ from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.findings import (
     base_of,
     candidates_of,
+    disagreement_of,
     effects_of,
     faults_of,
     fits_of,
@@ -31,6 +32,7 @@ from hoopd.diagnose.findings import (
 from hoopd.diagnose.inputs import Source
 from hoopd.diagnose.location import location_of
 from hoopd.diagnose.proof.confirmation import Confirmation, confirmation, less_sure
+from hoopd.diagnose.proof.disagreement import Differs, differing
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.finding_standings import Asked, standings
@@ -45,7 +47,7 @@ from hoopd.diagnose.proof.next_experiment import next_experiment
 from hoopd.diagnose.proof.not_excluded import one_body_notes, parameter_notes, separations
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.power import visible
-from hoopd.diagnose.proof.probabilities import beside_faults
+from hoopd.diagnose.proof.probabilities import beside_faults, where_recordings_differ
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.told_together import together_sentence
 from hoopd.diagnose.proof.unknown_proof import drop_names, missing_instead, missing_of
@@ -214,6 +216,7 @@ def _diagnosed(case: Case) -> Outcome:
     effects = told(effects, stand)
     large = _large(case, named, data) if not effects else None
     shares = stand.candidates if large is None else large.shares(stand.candidates)
+    differs = differing(said.final, list(case.library.values()))
     verdict = verdict_of(named, effects, unknown, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,
@@ -241,15 +244,23 @@ def _diagnosed(case: Case) -> Outcome:
         ),
         seed=case.seed,
         candidates=candidates_of(
-            named, threshold, beside_faults(shares, faults_of(effects, faults)), stand.counted_with
+            named, threshold, _alone(shares, faults_of(effects, faults), differs), stand.counted_with
         ),
         refused=refused,
         remains=remains_of(stand),
+        disagreement=disagreement_of(differs, said.final, case.library),
         power=visible(named, case.library, threshold),
         notes=parameter_notes(case.library) if verdict == "parameters" else one_body_notes(effects),
     )
     diagnosis = diagnosis if large is None else large.told_in(diagnosis)
     return Outcome(rounded(diagnosis), named, said.written, said.fits, unknown, case.progress, large)
+
+
+def _alone(shares: Mapping[str, float], faults: Sequence[float], differs: Differs | None) -> dict[str, float]:
+    """Candidates' probabilities: parameters alone are as much less likely as a sensor is at fault, or as the recordings
+    differ in one of them."""
+    found = beside_faults(shares, faults)
+    return found if differs is None else where_recordings_differ(found, differs.probability)
 
 
 def _played_where_recorded(planned: NextExperiment | None, case: Case) -> NextExperiment | None:

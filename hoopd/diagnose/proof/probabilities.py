@@ -85,6 +85,16 @@ def beside_faults(shares: Mapping[str, float], faults: Sequence[float]) -> dict[
     return found
 
 
+def where_recordings_differ(shares: Mapping[str, float], differ: float) -> dict[str, float]:
+    """Candidates' probabilities where it is so likely that a number is another one in each recording: no parameters
+    alone explain that, and it has no name."""
+    found = dict(shares)
+    if PARAMETERS in found:
+        taken = differ * found[PARAMETERS]
+        found |= {PARAMETERS: found[PARAMETERS] - taken, NONE_OF_THESE: found.get(NONE_OF_THESE, 0.0) + taken}
+    return found
+
+
 def among_what_acts(places: Sequence[Likely]) -> dict[str, float]:
     """That a name is in one of several places."""
     names = dict.fromkeys(name for one in places for name in one.shares)

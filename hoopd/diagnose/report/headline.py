@@ -10,9 +10,19 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-from hoopd.diagnose.record import NONE_OF_THESE, PARAMETERS, Diagnosis, EffectFinding, Fit, Fits, NextExperiment, Number
+from hoopd.diagnose.record import (
+    NONE_OF_THESE,
+    PARAMETERS,
+    Diagnosis,
+    EffectFinding,
+    Fit,
+    Fits,
+    NextExperiment,
+    Number,
+    Quantity,
+)
 from hoopd.diagnose.report.sentences import each_fit, lawless, none_of_them
-from hoopd.plots.number_format import chance, listed, nats, percent, safe, value_text
+from hoopd.plots.number_format import chance, listed, nats, percent, safe, short_names, value_text
 
 TITLES = {
     "consistent": "Consistent",
@@ -26,6 +36,8 @@ SURE = 0.5
 OPEN = 0.2
 # Two laws that are so many nats apart are told from one another (20 : 1).
 EXCLUDED_NATS = 3.0
+# Of recordings that differ so many are told.
+MOST_DIFFERENT = 6
 # Points of fit that a figure with one decimal shows.
 SHOWN = 0.1
 
@@ -33,7 +45,34 @@ SHOWN = 0.1
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence, names that are sure before those that are not; and in another one what no model of
     the plant explains, a reading that jumps."""
-    return _verdict(diagnosis) + jump_sentence(diagnosis)
+    return _verdict(diagnosis) + beside_sentences(diagnosis)
+
+
+def beside_sentences(diagnosis: Diagnosis) -> str:
+    """What no model of all recordings explains, each with a space before it: readings that jump, and recordings that
+    differ."""
+    return jump_sentence(diagnosis) + disagreement_sentence(diagnosis)
+
+
+def disagreement_sentence(diagnosis: Diagnosis) -> str:
+    """In which number the recordings differ, with a space before it; empty where they agree."""
+    found = diagnosis.disagreement
+    if found is None:
+        return ""
+    like = max((abs(one) for one in found.by_recording.values() if one is not None), default=0.0)
+    short = short_names(found.by_recording)
+    each = [
+        f"{value_text(Quantity(value, found.unit, None, None), like=like)} in {safe(short[name])}"
+        for name, value in [*found.by_recording.items()][:MOST_DIFFERENT]
+    ]
+    more = len(found.by_recording) - len(each)
+    alike = f" ({listed(found.not_excluded, 'or')} may be what differs, too)" if found.not_excluded else ""
+    return (
+        f" But the recordings disagree: with one of its own in each of them, {safe(found.name)} would be "
+        f"{listed([*each, f'so on in {more} more'] if more else each)}, and they would be "
+        f"{nats(found.log_likelihood_gain)} nats likelier ({nats(found.by_chance)} by chance){alike}. Something was "
+        "not the same in all of them; what is told here is their mean."
+    )
 
 
 def jump_sentence(diagnosis: Diagnosis) -> str:

@@ -7,7 +7,7 @@ at all, which the gain over what chance reaches tells, and which law it follows,
 from __future__ import annotations
 
 from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
-from hoopd.diagnose.report.headline import MOST_TOLD, jump_sentence, kept, verdict_sentence
+from hoopd.diagnose.report.headline import MOST_TOLD, beside_sentences, kept, verdict_sentence
 from hoopd.diagnose.report.sentences import LEAST_LIKELY, lawless
 from hoopd.plots.number_format import chance, listed, safe
 
@@ -23,7 +23,7 @@ RIVALS = 2
 def summary(diagnosis: Diagnosis) -> str:
     """The plain sentences; where nothing is named, the verdict; and which readings jumped."""
     told = plain_sentence(diagnosis)
-    return told + jump_sentence(diagnosis) if told else verdict_sentence(diagnosis)
+    return told + beside_sentences(diagnosis) if told else verdict_sentence(diagnosis)
 
 
 def plain_sentence(diagnosis: Diagnosis) -> str:

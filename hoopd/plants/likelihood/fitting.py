@@ -37,7 +37,8 @@ FALLEN, MOST_TURNS = 0.5, 4
 # A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
 # so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
 WORSE_NATS, MOST_HALVINGS = 100.0, 6
-# Where a friction turns round between two readings steps lead away again: a search ends where it was likeliest.
+# A search that has led away is made again, and ends where it was likeliest but for so many nats; so does every one
+# that begins with its trajectory, so that the two are compared as they were made.
 LED_AWAY_NATS = 0.5
 
 
@@ -59,6 +60,7 @@ class HypothesisFit:
     widths: dict[str, float] = field(default_factory=dict)  # halves of 95 % intervals, once they were asked for
     curvatures: dict[str, Array] = field(default_factory=dict)  # of the noise levels, by recording (`noise_tuning`)
     most_force: Mapping[str, Array] = field(default_factory=dict)  # by recording, disturbances (nq,) that it is held to
+    most_worse: float = np.inf  # nats by which a search may end less likely than it was on its way
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,7 +105,7 @@ def fit(
     found = HypothesisFit(tuple(effects), start, tuple(free), tracks, dict(noise or first_noise(tracks, start)))
     found.most_force = dict(most_force or (like.most_force if like is not None else {}))
     if like is not None:
-        found.curvatures = dict(like.curvatures)
+        found.curvatures, found.most_worse = dict(like.curvatures), like.most_worse
         for new, old in zip(tracks, like.tracks, strict=True):
             new.lead_added(start, old.composite.plant.states)
     else:
@@ -123,10 +125,14 @@ def fit(
             tuned_noise(found, near=step > 0)
         return found
     begin = _kept(found)
-    end = _searched(found, tune_noise=tune_noise, near=noise is not None)
-    if end.criterion <= _value(begin):
+    near, least = noise is not None, _value(begin)
+    end = _searched(found, tune_noise=tune_noise, near=near)
+    if end.criterion > least:
+        # where the model bends (a friction turns round between two readings) every step may have led away
+        end = _searched(replace(_kept(begin), most_worse=LED_AWAY_NATS), tune_noise=tune_noise, near=near)
+    if end.criterion <= least:
         return end
-    # where the model bends every step may have led away: no fit ends less likely than it began
+    # no fit ends less likely than it began
     _solution(begin)
     begin.criterion = _value(begin)
     return begin
@@ -180,7 +186,7 @@ def _effect_names(track: Track, values: Mapping[str, float]) -> list[str]:
 
 
 def _search(found: HypothesisFit, most: int) -> None:
-    likeliest = least = _value(found)
+    value = least = _value(found)
     best = _place(found)
     for _ in range(most):
         delta = _solution(found)
@@ -188,12 +194,12 @@ def _search(found: HypothesisFit, most: int) -> None:
         if not _stepped(found, delta):
             break
         found.steps += 1
-        likeliest = _value(found)
-        if likeliest < least:
-            least, best = likeliest, _place(found)
+        value = _value(found)
+        if value < least:
+            least, best = value, _place(found)
         if np.max(np.abs(delta) / size, initial=0.0) < SETTLED:
             break
-    if likeliest > least + LED_AWAY_NATS:
+    if value > least + found.most_worse:
         _put_back(found, best)
     _solution(found)
 
