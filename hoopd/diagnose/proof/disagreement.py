@@ -3,7 +3,9 @@
 A fit has one value of a parameter for all recordings. Its column is cut into one for each of them; what these explain
 of the residual beyond what the fit's own parameters can is compared with chance, the best of all that were asked. The
 same is asked of constants that an effect of the library adds (a push, a wrong zero): what acts in one recording alone
-is no law of all, and a free disturbance takes it.
+is no law of all. A free disturbance takes such a push, as a large and slow one of that recording: all are asked with
+the disturbances of the recording that has the least. Where the others are another spectrum's, the residual shows it,
+and chance has more (`chance.colour`).
 
 Rules of this file: linear about the fit, no other one is made; what follows from it is told elsewhere.
 """
@@ -11,7 +13,7 @@ Rules of this file: linear about the fit, no other one is made; what follows fro
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, log
 
 import numpy as np
@@ -22,7 +24,7 @@ from hoopd.diagnose.search.kept_columns import free_of
 from hoopd.diagnose.search.screen import Column, orthonormal, whitened_changes
 from hoopd.diagnose.search.surprise import needed_gain, surprise
 from hoopd.plants.effects.base import Effect
-from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.fitting import HypothesisFit, linear_again
 from hoopd.plants.likelihood.recording_parameters import plain
 
 Array = NDArray[np.float64]
@@ -78,9 +80,12 @@ def differing(found: HypothesisFit, library: Sequence[Effect]) -> Differs | None
     library
         Effects whose constants are asked, too.
     """
-    rows = found.stacked()
     which = _recording_of(found)
-    if which.max(initial=0) == 0 or not np.isfinite(rows).all():
+    if which.max(initial=0) == 0 or not np.isfinite(found.stacked()).all():
+        return None
+    found = _with_least_disturbances(found)
+    rows = found.stacked()
+    if not np.isfinite(rows).all():
         return None
     basis = orthonormal(rows[:, 1:])
     residual = free_of(basis, rows[:, :1].copy())[:, 0]
@@ -94,6 +99,18 @@ def differing(found: HypothesisFit, library: Sequence[Effect]) -> Differs | None
     alike = tuple(one.asked.name for one in told[1:] if best.surprise - one.surprise < ALIKE_NATS)
     chance = needed_gain(wanted, best.columns) * best.colour
     return Differs(best.asked.name, _values(found, rows, which, best.asked), best.gain, chance, alike)
+
+
+def _with_least_disturbances(found: HypothesisFit) -> HypothesisFit:
+    """About the same numbers and trajectory; of each disturbance the level and time of least power at rest,
+    force^2 time_s."""
+    every = list(found.noise.values())
+    which = np.argmin([one.force**2 * one.time_s for one in every], axis=0)
+    force, time_s = (
+        np.array([getattr(every[k], name)[i] for i, k in enumerate(which)]) for name in ("force", "time_s")
+    )
+    least = {name: one._replace(force=force, time_s=time_s) for name, one in found.noise.items()}
+    return linear_again(replace(found, noise=least))
 
 
 def _recording_of(found: HypothesisFit) -> NDArray[np.intp]:
