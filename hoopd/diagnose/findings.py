@@ -98,7 +98,7 @@ def disagreement_of(
         unit=units.get(differs.name, ""),
         by_recording=dict(differs.values),
         log_likelihood_gain=differs.gain,
-        by_chance=differs.by_chance,
+        needed=differs.needed,
         not_excluded=list(differs.alike),
     )
 

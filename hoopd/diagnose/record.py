@@ -228,13 +228,13 @@ class Remains(_Part, frozen=True):
 
 class Disagreement(_Part, frozen=True):
     """A number that the recordings would have in different ways, beyond chance: its value in each, as linear about the
-    final fit; nats over one value for all, and what chance alone reaches. `not_excluded`: others that may differ."""
+    final fit; nats over one value for all, and what they have to be. `not_excluded`: others that may differ."""
 
     name: str
     unit: str
     by_recording: dict[str, Number]
     log_likelihood_gain: Number
-    by_chance: Number
+    needed: Number
     not_excluded: list[str] = []
 
 

@@ -216,7 +216,7 @@ def _diagnosed(case: Case) -> Outcome:
     effects = told(effects, stand)
     large = _large(case, named, data) if not effects else None
     shares = stand.candidates if large is None else large.shares(stand.candidates)
-    differs = differing(said.final, list(case.library.values()))
+    differs = differing(said.final, list(case.library.values()), threshold)
     verdict = verdict_of(named, effects, unknown, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,

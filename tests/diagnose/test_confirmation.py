@@ -87,6 +87,8 @@ def test_what_is_hardly_the_law_in_its_place_is_weak_whatever_held_out_data_gain
     assert found.statuses == {FRICTION.name: "weak"} and found.reason(FRICTION.name) == HARDLY
     assert found.written is said.written and found.kept is said.kept  # held-out windows are surely better with it
     monkeypatch.setattr(confirmation_module, "lowered", lambda *_: {})
+    assert FRICTION.name in less_sure(said, {FRICTION.name: 0.005}).written.names  # nothing is farther from the law
+    said = replace(said, barely=frozenset([FRICTION.name]))
     assert FRICTION.name not in less_sure(said, {FRICTION.name: 0.005}).written.names
     # nor is one written that held-out data never test, because a rest of another law asked for it
     untested = less_sure(replace(said, statuses={FRICTION.name: "untested"}), {FRICTION.name: 0.005})

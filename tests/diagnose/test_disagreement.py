@@ -22,7 +22,7 @@ from hoopd.plants.likelihood.stretches import Stretch
 PLANT = shipped_plant()
 EVERY = library(PLANT)
 KNOWN = [EVERY[name] for name in ("actuator.torque_bias", "actuator.torque_gain", "camera.angle_offset", "frame.tilt")]
-SECONDS = 20.0
+SECONDS, NEEDED = 20.0, 12.0
 
 
 def fitted(*stretches: Stretch) -> HypothesisFit:
@@ -36,17 +36,20 @@ def as_demanded(one: Stretch, gain: float = 1.0, push: float = 0.0) -> Stretch:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_recordings_of_one_device_agree(seed: int) -> None:
-    assert differing(fitted(*(stretch_with(PLANT, str(k), 10 * seed + k, SECONDS) for k in range(3))), KNOWN) is None
+    assert (
+        differing(fitted(*(stretch_with(PLANT, str(k), 10 * seed + k, SECONDS) for k in range(3))), KNOWN, NEEDED)
+        is None
+    )
 
 
 def test_a_single_recording_has_nobody_to_disagree_with() -> None:
-    assert differing(fitted(stretch_with(PLANT, "a", 1, SECONDS)), KNOWN) is None
+    assert differing(fitted(stretch_with(PLANT, "a", 1, SECONDS)), KNOWN, NEEDED) is None
 
 
 def test_a_drive_that_gives_less_in_one_recording_is_told_with_its_gains() -> None:
     a, b = (stretch_with(PLANT, name, seed, SECONDS) for name, seed in (("a", 1), ("b", 2)))
-    found = differing(fitted(a, as_demanded(b, gain=0.94)), KNOWN)
-    assert found is not None and found.gain > 3.0 * found.by_chance
+    found = differing(fitted(a, as_demanded(b, gain=0.94)), KNOWN, NEEDED)
+    assert found is not None and found.gain > 3.0 * found.needed
     gains = [one for one in (found.name, *found.alike) if one.endswith("torque_gain.k") or one in ("L1", "L2")]
     assert gains
     if found.name == "actuator.torque_gain.k":
@@ -55,7 +58,7 @@ def test_a_drive_that_gives_less_in_one_recording_is_told_with_its_gains() -> No
 
 def test_a_push_in_one_recording_is_told_with_its_size() -> None:
     a, b = (stretch_with(PLANT, name, seed, SECONDS) for name, seed in (("a", 1), ("b", 2)))
-    found = differing(fitted(a, as_demanded(b, push=4e-3)), KNOWN)
+    found = differing(fitted(a, as_demanded(b, push=4e-3)), KNOWN, NEEDED)
     assert found is not None and found.name == "actuator.torque_bias.b"
     assert found.values["b"] == pytest.approx(4e-3, rel=0.3) and abs(found.values["a"]) < 1.5e-3
     assert 0.5 < found.probability <= 1.0
@@ -64,14 +67,16 @@ def test_a_push_in_one_recording_is_told_with_its_size() -> None:
 def test_the_order_of_the_recordings_says_nothing() -> None:
     a, b = (stretch_with(PLANT, name, seed, SECONDS) for name, seed in (("a", 1), ("b", 2)))
     b = as_demanded(b, push=4e-3)
-    one, other = differing(fitted(a, b), KNOWN), differing(fitted(b, a), KNOWN)
+    one, other = differing(fitted(a, b), KNOWN, NEEDED), differing(fitted(b, a), KNOWN, NEEDED)
     assert one is not None and other is not None and one.name == other.name
     assert one.gain == pytest.approx(other.gain, rel=1e-3)
     np.testing.assert_allclose([one.values[k] for k in "ab"], [other.values[k] for k in "ab"], rtol=1e-2, atol=1e-5)
 
 
 def test_it_is_told_in_words_and_parameters_alone_are_no_longer_likely() -> None:
-    differs = Differs("actuator.torque_bias.b", {"one/a.csv": -2e-5, "one/b.csv": 5.9e-4}, 24.0, 5.4, ("frame.tilt.d",))
+    differs = Differs(
+        "actuator.torque_bias.b", {"one/a.csv": -2e-5, "one/b.csv": 5.9e-4}, 24.0, 10.2, ("frame.tilt.d",)
+    )
     record = disagreement_of(differs, fitted(stretch_with(PLANT, "a", 1, 5.0)), EVERY)
     assert isinstance(record, Disagreement) and record.unit == "N m"
     said = verdict_sentence(msgspec.structs.replace(parameters()[0], disagreement=record))
@@ -79,4 +84,4 @@ def test_it_is_told_in_words_and_parameters_alone_are_no_longer_likely() -> None
     assert "disagree" not in verdict_sentence(parameters()[0])
     shares = where_recordings_differ({PARAMETERS: 0.9, NONE_OF_THESE: 0.1}, differs.probability)
     assert shares[PARAMETERS] < 0.01 and sum(shares.values()) == pytest.approx(1.0)
-    assert differs.probability > 0.99 and replace(differs, gain=5.4).probability == pytest.approx(0.5)
+    assert differs.probability > 0.99 and replace(differs, gain=10.2).probability == pytest.approx(0.5)

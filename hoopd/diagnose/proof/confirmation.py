@@ -67,6 +67,7 @@ class Confirmation:
     unlikely: frozenset[str] = frozenset()  # names that are hardly the law in their place
     whole: str = ""  # why none of all names together is confirmed
     unsized: frozenset[str] = frozenset()  # names of which nobody knows how much there is
+    barely: frozenset[str] = frozenset()  # names that are no more than some way beyond chance
 
     def reason(self, name: str) -> str:
         """Why a finding is not confirmed, weak, or in no model; empty where nothing more is to be said."""
@@ -115,14 +116,16 @@ def confirmation(
         if (why := names.denials.get(one.effect.name)) is not None
         and not why.leaves_evidence(surprise_in(named, one), threshold)
     )  # fmt: skip
-    barely = {one.effect.name for one in named.accepted if surprise_in(named, one) < STRONG * threshold}
+    barely = frozenset(one.effect.name for one in named.accepted if surprise_in(named, one) < STRONG * threshold)
     left_out = [
         name for name in names.kept.names
         if name in {*harmful, *unsized}
         or (name in barely and own[name] == "weak" and not _simulates_better(name, fits, seed))
     ]  # fmt: skip
     written = _fitted_without(names.kept, left_out)
-    return Confirmation(names.kept, written, final, shown, own, denials, refused, harmful, whole=whole, unsized=unsized)
+    return Confirmation(
+        names.kept, written, final, shown, own, denials, refused, harmful, whole=whole, unsized=unsized, barely=barely
+    )
 
 
 def of_all(fits: Mapping[str, Played], together: Played | None, seed: int) -> str:
@@ -158,14 +161,16 @@ def is_unsized(effect: Effect, found: HypothesisFit) -> bool:
 
 def less_sure(said: Confirmation, likely: Mapping[str, float | None], seed: int = 0) -> Confirmation:
     """What is hardly the law in its place (`likely`, by name) is weak, whatever held-out data gain by it, and stays
-    untested where they never test it; and in no model where they are not surely simulated better with it."""
+    untested where they never test it; and in no model where it barely passes and they are not surely simulated better
+    with it: what is far beyond chance is nearer to the law in its place than nothing is."""
     unlikely = frozenset(
         name for name, share in likely.items()
         if share is not None and share < LEAST_LIKELY and said.statuses.get(name) in ("confirmed", "weak", "untested")
     )  # fmt: skip
     left_out = [
-        name for name in unlikely if name in said.written.names and not _simulates_better(name, said.fits, seed)
-    ]
+        name for name in unlikely & said.barely
+        if name in said.written.names and not _simulates_better(name, said.fits, seed)
+    ]  # fmt: skip
     return replace(
         said,
         written=_fitted_without(said.written, left_out),

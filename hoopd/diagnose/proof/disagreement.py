@@ -1,11 +1,11 @@
 """Whether the recordings disagree: a number of the model that each of them would have another way, beyond chance.
 
 A fit has one value of a parameter for all recordings. Its column is cut into one for each of them; what these explain
-of the residual beyond what the fit's own parameters can is compared with chance, the best of all that were asked. The
-same is asked of constants that an effect of the library adds (a push, a wrong zero): what acts in one recording alone
-is no law of all. A free disturbance takes such a push, as a large and slow one of that recording: all are asked with
-the disturbances of the recording that has the least. Where the others are another spectrum's, the residual shows it,
-and chance has more (`chance.colour`).
+of the residual beyond what the fit's own parameters can has to be as surprising as a name has to. The same is asked of
+constants that an effect of the library adds (a push, a wrong zero): what acts in one recording alone is no law of all.
+A free disturbance takes such a push, as a large and slow one of that recording: all are asked with the disturbances of
+the recording that has the least. Where the others are another spectrum's, the residual shows it, and more is needed
+(`chance.colour`).
 
 Rules of this file: linear about the fit, no other one is made; what follows from it is told elsewhere.
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import exp, log
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,6 @@ from hoopd.plants.likelihood.recording_parameters import plain
 
 Array = NDArray[np.float64]
 
-# Recordings that agree are told to disagree so often.
-CHANCE = 0.01
 # Below this share of its squared length a direction is the fit's own.
 OWN_SHARE = 1e-4
 # What is so few nats behind could be what differs as well.
@@ -44,13 +42,13 @@ class Differs:
     name: str  # a parameter of the plant or of an effect
     values: dict[str, float]  # by recording, in its unit
     gain: float  # nats
-    by_chance: float  # nats that the best of all reaches with a chance of CHANCE
+    needed: float  # nats, as of a name
     alike: tuple[str, ...]  # other numbers that could be what differs
 
     @property
     def probability(self) -> float:
-        """That it is more than chance: even where chance reaches it once in a hundred data sets."""
-        return 1.0 / (1.0 + exp(min(self.by_chance - self.gain, 50.0)))
+        """That it is more than chance: even where a name would be found."""
+        return 1.0 / (1.0 + exp(min(self.needed - self.gain, 50.0)))
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ class _Told:
     colour: float
 
 
-def differing(found: HypothesisFit, library: Sequence[Effect]) -> Differs | None:
+def differing(found: HypothesisFit, library: Sequence[Effect], threshold: float) -> Differs | None:
     """The number that shows most that recordings disagree; None where no more than chance does, or there is but one.
 
     Parameters
@@ -79,6 +77,8 @@ def differing(found: HypothesisFit, library: Sequence[Effect]) -> Differs | None
         A fit with its whitened rows.
     library
         Effects whose constants are asked, too.
+    threshold
+        Surprise that a name needs, nats: as many numbers are asked as a library has names.
     """
     which = _recording_of(found)
     if which.max(initial=0) == 0 or not np.isfinite(found.stacked()).all():
@@ -92,13 +92,12 @@ def differing(found: HypothesisFit, library: Sequence[Effect]) -> Differs | None
     shapes = [(len(track.z), len(track.composite.channels)) for track in found.tracks]
     told = [_told(one, which, basis, residual, shapes) for one in _asked(found, rows, library)]
     told = sorted((one for one in told if one.columns), key=lambda one: -one.surprise)
-    wanted = log(max(len(told), 1) / CHANCE)
-    if not told or told[0].surprise <= wanted:
+    if not told or told[0].surprise <= threshold:
         return None
     best = told[0]
     alike = tuple(one.asked.name for one in told[1:] if best.surprise - one.surprise < ALIKE_NATS)
-    chance = needed_gain(wanted, best.columns) * best.colour
-    return Differs(best.asked.name, _values(found, rows, which, best.asked), best.gain, chance, alike)
+    needed = needed_gain(threshold, best.columns) * best.colour
+    return Differs(best.asked.name, _values(found, rows, which, best.asked), best.gain, needed, alike)
 
 
 def _with_least_disturbances(found: HypothesisFit) -> HypothesisFit:

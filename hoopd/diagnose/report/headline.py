@@ -70,7 +70,7 @@ def disagreement_sentence(diagnosis: Diagnosis) -> str:
     return (
         f" But the recordings disagree: with one of its own in each of them, {safe(found.name)} would be "
         f"{listed([*each, f'so on in {more} more'] if more else each)}, and they would be "
-        f"{nats(found.log_likelihood_gain)} nats likelier ({nats(found.by_chance)} by chance){alike}. Something was "
+        f"{nats(found.log_likelihood_gain)} nats likelier ({nats(found.needed)} needed){alike}. Something was "
         "not the same in all of them; what is told here is their mean."
     )
 
