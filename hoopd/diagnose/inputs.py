@@ -81,7 +81,7 @@ def _stretch(name: str, part: Timeline, begin: float, quality: Quality, slew: fl
     found = stretch_of(name, plant, part.t - begin, held, readings, part.unresolved if plant.inputs else None)
     found = replace(found, slew=slew)
     for channel, one in quality.channels.items():
-        if channel in plant.channels and np.isfinite(one.quantum):
+        if channel in plant.channels and np.isfinite(one.even_sigma):
             found = found.unevenly_sampled(channel, one.jitter_s, one.even_sigma)
     return spaced(found)
 

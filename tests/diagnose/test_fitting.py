@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,6 +62,38 @@ def test_a_fit_that_was_led_away_is_where_it_began(base: HypothesisFit, monkeypa
     assert kept.values == pytest.approx(base.values)
     assert kept.criterion == pytest.approx(base.criterion, abs=1.0)
     assert np.diag(kept.covariance) == pytest.approx(np.diag(base.covariance), rel=0.1)
+
+
+def test_a_search_that_led_away_ends_where_it_was_likeliest_only_if_asked(
+    base: HypothesisFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As steps that make a fit likelier once, and then less so twice."""
+    steps: list[float] = []
+
+    def stepped(found: HypothesisFit, _: np.ndarray) -> bool:
+        steps.append([0.99, 1.02, 1.05][len(steps) % 3])
+        found.values = {**found.values, "K2": base.values["K2"] * steps[-1]}
+        found.rows = [steps[-1] * rows for rows in base.rows]
+        return True
+
+    monkeypatch.setattr(fitting, "_stepped", stepped)
+    monkeypatch.setattr(fitting, "SETTLED", 0.0)
+    for most_worse, ends_at in ((np.inf, 1.05), (0.5, 0.99)):
+        found = replace(fitting._kept(base), rows=list(base.rows), most_worse=most_worse)
+        fitting._search(found, 3)
+        assert found.values["K2"] == pytest.approx(base.values["K2"] * ends_at)
+    stretches = [track.stretch for track in base.tracks]
+    monkeypatch.undo()
+    assert fit(stretches, (), base.values, like=found, noise=base.noise).most_worse == found.most_worse
+
+
+def test_a_halved_step_goes_a_share_of_the_way_of_the_trajectory(base: HypothesisFit) -> None:
+    (track, *_) = (copy(one) for one in base.tracks)
+    before = (track.z, track.w, track.filtered, track.predicted)
+    track.moved(*(one + 4.0 for one in before))
+    fitting._draw_back([track], [before], 0.25)
+    for old, new in zip(before, (track.z, track.w, track.filtered, track.predicted), strict=True):
+        np.testing.assert_allclose(new, old + 1.0)
 
 
 def test_noise_levels_are_recovered(base: HypothesisFit) -> None:

@@ -10,10 +10,10 @@ every recording and simulates the third in windows. The best is taken, of those 
 one that stays nearest to the user's, and fitted to all.
 
 Of the best, a parameter of the plant that is not surely another one than the user's (its interval, as wide as so many
-parameters ask for, holds that) moves only where the blocks ask for it: with which at the user's value no channel is
-simulated surely worse (`worse_channels`) stays there, first with all others as they are, then with them fitted beside
-it; those that are missed least first, and all together against the best. What a recording tells only in a sum, or by
-what its model is wrong by, is not carried to the next recording.
+parameters ask for, holds that) moves only where the blocks ask for it. It stays at the user's value if no channel is
+then simulated surely worse, or by more than a point (`worse_channels`): first with all others as they are, then with
+them fitted beside it; those that are missed least first, and all together against the best. What a recording tells only
+in a sum, or by what its model is wrong by, is not carried to the next recording.
 
 How far two estimates of a parameter are apart is what the model is wrong by, and widens the interval: what is written
 and the likelihood's, and, beyond chance, the likelihood's and output error's, whichever is written.
@@ -99,7 +99,7 @@ def written_parameters(
         progress(f"parameters of the model: {one.kind} {one.percent:.1f} %")
         each.append(one)
     best = chosen(each)
-    least, stay = least_moved(best, _unsure(found, best.values, users, base))
+    least, stay = least_moved(best, _unsure(found, best.values, users, base, wrong))
     return Written(_with(found, least.values, wrong), _note(best, each) + _staying(stay, least))
 
 
@@ -110,12 +110,18 @@ def chosen(each: Sequence[ParameterSet]) -> ParameterSet:
 
 
 def _unsure(
-    found: HypothesisFit, values: Mapping[str, float], users: Mapping[str, float], base: Sequence[str]
-) -> list[str]:
-    """Parameters that moved, and not surely: of all of them chance moves one so far once in twenty."""
+    found: HypothesisFit, values: Mapping[str, float], users: Mapping[str, float], base: Sequence[str],
+    wrong: Mapping[str, float],
+) -> list[str]:  # fmt: skip
+    """Parameters that moved, and not surely: of all of them chance, and what the model is wrong by, moves one so far
+    once in twenty."""
     half, each = half_widths(found), NormalDist().inv_cdf(1.0 - CHANCE / (2.0 * max(len(base), 1)))
     wide = each / NormalDist().inv_cdf(1.0 - CHANCE / 2.0)
-    return [name for name in base if 0.0 < abs(values[name] - users[name]) <= wide * half[name]]
+    return [
+        name
+        for name in base
+        if 0.0 < abs(values[name] - users[name]) <= np.hypot(wide * half[name], wrong.get(name, 0.0))
+    ]
 
 
 def least_moved(best: ParameterSet, base: Sequence[str]) -> tuple[ParameterSet, list[str]]:
@@ -244,6 +250,6 @@ def _staying(stay: Sequence[str], least: ParameterSet) -> str:
         return ""
     few = len(stay) == 1
     return (
-        f"; of these {listed(stay)} {'stays' if few else 'stay'} yours: what was held back is simulated surely worse "
-        f"in no channel with {'it' if few else 'them'} ({least.percent:.1f} %)"
+        f"; of these {listed(stay)} {'stays' if few else 'stay'} yours: what was held back is simulated no worse "
+        f"in any channel, by a point or surely, with {'it' if few else 'them'} ({least.percent:.1f} %)"
     )

@@ -71,7 +71,8 @@ def disagreement_sentence(diagnosis: Diagnosis) -> str:
         f" But the recordings disagree: with one of its own in each of them, {safe(found.name)} would be "
         f"{listed([*each, f'so on in {more} more'] if more else each)}, and they would be "
         f"{nats(found.log_likelihood_gain)} nats likelier ({nats(found.needed)} needed){alike}. Something was "
-        "not the same in all of them; what is told here is their mean."
+        "not the same in all of them, or a law that the model leaves out makes it seem so; one value for all lies "
+        "between them."
     )
 
 
@@ -246,7 +247,7 @@ def certainty_sentence(diagnosis: Diagnosis) -> str:
         which = (
             those
             if diagnosis.remains is None
-            else f"what remains beside {'them' if len(told) > 1 else 'it'}, or {those},"
+            else f"{those}, or what remains beside {'them' if len(told) > 1 else 'it'},"
         )
         other = "" if none is None else f"; that {which} is no known law at all: {chance(none)}"
         each = "; ".join(map(_certainty, told))

@@ -48,6 +48,7 @@ class _Numbers:
     covariance: Array
     criterion: float
     steps: int
+    most_worse: float
     gain: float
     surprise: float
 
@@ -90,7 +91,7 @@ def _numbers(tried: Tried) -> _Numbers:
     return _Numbers(
         _ranges(tried.effect), found.values, found.free, found.noise, found.curvatures,
         tuple((one.z, one.w, one.filtered, one.predicted) for one in found.tracks),
-        found.covariance, found.criterion, found.steps, tried.gain, tried.surprise,
+        found.covariance, found.criterion, found.steps, found.most_worse, tried.gain, tried.surprise,
     )  # fmt: skip
 
 
@@ -103,6 +104,7 @@ def _restored(judge: Judge, before: HypothesisFit, score: Score, numbers: _Numbe
     found = HypothesisFit(
         effects, numbers.values, numbers.free, tracks, numbers.noise,
         covariance=numbers.covariance, criterion=numbers.criterion, steps=numbers.steps, curvatures=numbers.curvatures,
+        most_worse=numbers.most_worse,
     )  # fmt: skip
     return Tried(effect, linear_again(found), numbers.gain, numbers.surprise, score)
 

@@ -232,7 +232,8 @@ def _stepped(found: HypothesisFit, delta: Array) -> bool:
     for halved in range(1 + MOST_HALVINGS):
         share = 0.5**halved
         found.values = _moved(found, share * delta)
-        _move_references(found, np.array([found.values[n] - before.values[n] for n in found.free]))
+        # the whole way of the trajectory, and then this share of it
+        _move_references(found, np.array([found.values[n] - before.values[n] for n in found.free]) / share)
         if halved:
             _draw_back(found.tracks, before.references, share)
         found.columns = _columns(found)

@@ -115,12 +115,15 @@ export class Recordings {
     const note = element('textarea', { 'aria-label': 'Note', placeholder: 'note' }, one.note);
     const keep = async event => {
       event.preventDefault();
+      if (!this.work.commands.user) {
+        this.work.commands.show('log in to write a note', 'bad');
+        return;
+      }
       const remark = { name: one.name, tags: tags.value.split(','), note: note.value };
       if (await this.work.change(`note on ${one.name}`, 'remark', remark)) away();
     };
-    const may = Boolean(this.work.commands.user);
     const form = element('form', { class: 'remark', onsubmit: keep }, tags, note,
-      element('div', {}, element('button', { class: 'primary', disabled: !may }, 'Keep'), may ? '' : ' Log in to write.'));
+      element('div', {}, element('button', { class: 'primary' }, 'Keep')));
     this.writing.set(one.name, element('tr', { class: 'writing' }, element('td', { colspan: 7 }, form)));
     row.after(this.writing.get(one.name));
   }
