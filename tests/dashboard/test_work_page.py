@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,9 +37,9 @@ def change(page: Page, selector: str, value: str, event: str = "change") -> None
     )
 
 
-@pytest.mark.proof
-@pytest.mark.realtime  # a job runs in the idle class: beside other tests it gets no processor
-def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
+@contextlib.contextmanager
+def at_work(tmp_path: Path) -> Iterator[tuple[Page, Bench]]:
+    """The bench, and its page with the recordings shown that are in tmp_path/recordings."""
     folder, settings = lay_out(tmp_path / "recordings"), controlled(tmp_path)
     operators = Operators({settings.endpoint: (settings.control_endpoint, settings.control_zenoh)})
     bench = Bench(folder, tmp_path / "results")
@@ -48,6 +50,13 @@ def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
         opened(tmp_path, f"{web.origin}/#work", 1440, 1000) as page,
     ):
         page.wait_for(f"{ROWS} === 4 && {THUMBNAILS} === 6")
+        yield page, bench
+
+
+@pytest.mark.proof
+@pytest.mark.realtime  # a job runs in the idle class: beside other tests it gets no processor
+def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
+    with at_work(tmp_path) as (page, bench):
         assert HOSTILE in page.text("#recordings") and page.ask("document.querySelector('#recordings img')") is None
         assert "broken.csv" in page.text("#recordings")
         page.type("#recording-tools input", "FIRST csv")
@@ -83,18 +92,10 @@ def test_from_a_recording_to_a_model_without_a_shell(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_comes_takes_neither_the_focus_nor_a_note_half_written(tmp_path: Path) -> None:
-    folder, settings = lay_out(tmp_path / "recordings"), controlled(tmp_path)
-    operators = Operators({settings.endpoint: (settings.control_endpoint, settings.control_zenoh)})
+    folder = tmp_path / "recordings"
     focused = "document.activeElement.getAttribute('aria-label') || document.activeElement.innerText"
     row = "document.activeElement.closest('tr').dataset.row"
-    bench = Bench(folder, tmp_path / "results")
-    with (
-        running(settings) as telemetry,
-        Ticks(telemetry.gate),
-        served(Feed([settings.endpoint], {}), operators, bench=bench) as web,
-        opened(tmp_path, f"{web.origin}/#work", 1440, 1000) as page,
-    ):
-        page.wait_for(f"{ROWS} === 4 && {THUMBNAILS} === 6")
+    with at_work(tmp_path) as (page, _):
         log_in(page)
         page.ask(
             "document.querySelector('#recordings [data-row=\"second.csv\"]').querySelectorAll('button')[1].click()"

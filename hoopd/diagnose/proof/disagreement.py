@@ -12,7 +12,7 @@ Rules of this file: linear about the fit, no other one is made; what follows fro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import exp, inf, log
 
@@ -88,14 +88,16 @@ def differing(found: HypothesisFit, library: Sequence[Effect], threshold: float)
     quiet = _with_least_disturbances(found)
     if not np.isfinite(quiet.stacked()).all():
         return None
-    own = {one.asked.name: one.surprise for one in _told_of(found, library, which)}
-    told = sorted(_told_of(quiet, library, which), key=lambda one: -one.surprise)
-    told = [one for one in told if one.surprise > threshold and own[one.asked.name] > OWN_NATS]
-    told = [one for one in told if _is_possible(quiet, library, one, which)]
+    told = [one for one in _told_of(quiet, library, which) if one.surprise > threshold]
     if not told:
         return None
-    best = told[0]
-    alike = tuple(one.asked.name for one in told[1:] if best.surprise - one.surprise < ALIKE_NATS)
+    own = {one.asked.name: one.surprise for one in _told_of(found, library, which)}
+    bounds = ranges((*library, *found.effects), found.tracks)
+    told = [one for one in told if own[one.asked.name] > OWN_NATS and _is_possible(quiet, bounds, one, which)]
+    if not told:
+        return None
+    best, *others = sorted(told, key=lambda one: -one.surprise)
+    alike = tuple(one.asked.name for one in others if best.surprise - one.surprise < ALIKE_NATS)
     needed = needed_gain(threshold, best.columns)
     return Differs(best.asked.name, _values(quiet, which, best.asked), best.gain / best.colour, needed, alike)
 
@@ -196,8 +198,9 @@ def _values(found: HypothesisFit, which: NDArray[np.intp], one: _Asked) -> dict[
     return {names[k]: one.now + one.size * float(step) for k, step in zip(known, moved[-len(known) :], strict=True)}
 
 
-def _is_possible(found: HypothesisFit, library: Sequence[Effect], told: _Told, which: NDArray[np.intp]) -> bool:
+def _is_possible(
+    found: HypothesisFit, bounds: Mapping[str, tuple[float, float]], told: _Told, which: NDArray[np.intp]
+) -> bool:
     """Whether there can be such numbers: a mass below zero is another law's."""
-    own = {e.key(p.name): (p.low, p.high) for e in library for p in e.parameters}
-    low, high = (own | ranges(found.effects, found.tracks)).get(told.asked.name, (-inf, inf))
+    low, high = bounds.get(told.asked.name, (-inf, inf))
     return all(low <= value <= high for value in _values(found, which, told.asked).values())

@@ -243,12 +243,8 @@ def certainty_sentence(diagnosis: Diagnosis) -> str:
     told = (kept(diagnosis) or diagnosis.effects)[:MOST_TOLD]
     if told:
         none = none_of_them(diagnosis)
-        those = "one of them" if len(told) > 1 else "it"
-        which = (
-            those
-            if diagnosis.remains is None
-            else f"{those}, or what remains beside {'them' if len(told) > 1 else 'it'},"
-        )
+        one, them = ("one of them", "them") if len(told) > 1 else ("it", "it")
+        which = one if diagnosis.remains is None else f"{one}, or what remains beside {them},"
         other = "" if none is None else f"; that {which} is no known law at all: {chance(none)}"
         each = "; ".join(map(_certainty, told))
         law = "" if lawless(diagnosis) else ", and that it is this very law"
