@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnose.madeup import shipped_plant, stretch_with
-from diagnose.test_mechanisms import SLIDE, Law, bristles, bumper, hanging, recorded, warming
+from diagnose.test_mechanisms import SLIDE, SUBSTEP_S, Law, bristles, bumper, hanging, recorded, warming
 
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.diagnose.search.mechanism_screen import MechanismScreen
@@ -67,6 +67,24 @@ def test_two_mechanisms_that_act_at_once_are_both_found() -> None:
     found = searched(both, {}, (*names, *NEAR))
     assert {*found.final.names} == {*names}
     assert min(found.losses.values()) > 20.0
+
+
+def late_upwards(x: float, v: float, u: float, memory: dict[str, float]) -> float:
+    """A drive that is late by 5 ms where its force goes up, and not where it goes down."""
+    if u != memory.get("now", u):
+        memory["before"], memory["since"] = memory["now"], 0.0
+    memory["now"] = u
+    memory["since"] = memory.get("since", 1.0) + SUBSTEP_S
+    before = memory.get("before", u)
+    return before - u if before < u and memory["since"] <= 0.005 + SUBSTEP_S / 2 else 0.0
+
+
+def test_what_is_late_in_one_direction_takes_the_place_of_a_lag_and_what_was_found_beside_it() -> None:
+    names = ("drive.up_of_f", "drive.down_of_f", "drive.rise_of_f", "drive.fall_of_f")
+    found = searched(late_upwards, {"drive.lag": library(SLIDE)["drive.lag"]}, names)
+    assert [one.effect.name for one in found.tried] == ["drive.lag"]
+    assert found.final.names == ("drive.up_of_f",)
+    assert found.final.values["drive.up_of_f.A"] == pytest.approx(0.005, rel=0.25)
 
 
 def times(stretch: Stretch, size: float) -> Stretch:

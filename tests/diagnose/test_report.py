@@ -332,6 +332,15 @@ def test_an_unknown_effect_has_its_slot_and_what_it_follows() -> None:
     assert "not in the library" in sentence and "slot hoop" in sentence and "follows theta" in sentence
 
 
+def test_of_what_has_no_name_held_out_data_deny_a_curve_and_not_that_it_is_there() -> None:
+    diagnosis, _ = unknown()
+    denied = msgspec.structs.replace(diagnosis.effects[0], status="not_confirmed", probability=0.999)
+    told = msgspec.structs.replace(diagnosis, effects=[denied])
+    assert "its curve denied by held-out data" in headline.certainty_sentence(told)
+    assert tables.effects(told).rows[0][0] == f"{denied.name} (curve not confirmed)"
+    assert "what acts there is no known law" in words.likely_sentence(told)
+
+
 def test_what_has_no_name_follows_its_own_variable_and_not_that_of_a_law_in_the_same_slot() -> None:
     """The law is drawn over dtheta, the curve over theta."""
     law, rest = coulomb()[0], unknown()[0]

@@ -288,6 +288,8 @@ def _held_out(effect: EffectFinding) -> str:
         return f"weak: {effect.reason}"
     if effect.status == "weak" and effect.placebo is not None and not effect.placebo.held:
         return "weak, for a shuffled cause gains too"
+    if effect.is_unknown and effect.status == "not_confirmed":
+        return "its curve denied by held-out data"  # that something is there nobody denies
     left_out = ", but in no model that is written" if is_only_told(effect) else ""
     return HELD_OUT[effect.status or "untested"] + left_out
 

@@ -40,6 +40,7 @@ LIKELY = (
     "known; that something is missing there at all is told by the nats."
 )
 NONE_IS_LIKELY = " No known law, in a place at least: that in one of the places, or more, what acts is none of them."
+UNKNOWN_IS_LIKELY = " Of what has no name (unknown): that what acts there is no known law; a curve stands for it."
 # Times in sentences: to this share of a window; of files that do not tell theirs it is the hoop's.
 OF_A_WINDOW, HOOP_WINDOW_S = 0.05, 2.0
 
@@ -164,7 +165,9 @@ def likely_sentence(diagnosis: Diagnosis) -> str:
     for name in dict.fromkeys(one.counted_with for one in likely if one.counted_with is not None):
         alike = [_with_chance(one) for one in likely if one.counted_with == name]
         more += f" In what is said of {name}, because nothing here tells them apart: {listed(alike)}."
-    return f"{LIKELY}{NONE_IS_LIKELY if none_of_them(diagnosis) else ''}{more}"
+    none = NONE_IS_LIKELY if none_of_them(diagnosis) else ""
+    unknown = UNKNOWN_IS_LIKELY if any(one.is_unknown for one in diagnosis.effects) else ""
+    return f"{LIKELY}{none}{unknown}{more}"
 
 
 def _with_chance(one: Candidate) -> str:

@@ -69,7 +69,8 @@ def effects(diagnosis: Diagnosis) -> Table:
 
 def _effect_rows(effect: EffectFinding, numbers: Mapping[str, str]) -> list[Row]:
     evidence = effect.evidence
-    name = safe(effect.name) + (" (not confirmed)" if effect.status == "not_confirmed" else "")
+    denied = " (curve not confirmed)" if effect.is_unknown else " (not confirmed)"
+    name = safe(effect.name) + (denied if effect.status == "not_confirmed" else "")
     gain, needed = nats(evidence.log_likelihood_gain), nats(evidence.threshold)
     like = _sizes(effect.parameters)
     sizes = [

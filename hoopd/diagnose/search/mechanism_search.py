@@ -32,7 +32,7 @@ from hoopd.diagnose.search.scan_score import scanned
 from hoopd.diagnose.search.screen import Member, Score, Screen
 from hoopd.diagnose.search.surprise import log_chance, surprise
 from hoopd.plants.effects.grammar.mechanism import Mechanism
-from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 
 # Mechanisms in one explanation; proposals of a screen that are refitted.
 MOST_MECHANISMS, MOST_REFITS = 2, 3
@@ -58,7 +58,7 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
     if far_beyond(found.base):
         _settle(found, judge)
     if len(found.accepted) > 1:
-        _instead_of_all(found, judge, mechanisms)
+        _instead_of(found, judge, mechanisms, found.accepted)
     for _ in range(MOST_MECHANISMS):
         best = _next(found, judge, [one for one in mechanisms if one.name not in found.final.names])
         if best is None:
@@ -67,6 +67,9 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
         found.final = best.fit
         if len(found.accepted) > 1:
             reconsider(found, judge, swaps=False)
+        same = [one for one in found.accepted if one.effect.slot == best.effect.slot]
+        if len(same) > 1:
+            _instead_of(found, judge, mechanisms, same)
     if found.final is not before:
         widen_ranges(found, judge)
         taken_out(found, judge)
@@ -87,19 +90,27 @@ def _settle(found: Named, judge: Judge) -> None:
         taken_out(found, judge)
 
 
-def _instead_of_all(found: Named, judge: Judge, mechanisms: Sequence[Mechanism]) -> None:
-    """Puts one mechanism into the place of several names, where it explains what they do together: names of a library
-    add up to a law that is none of theirs. Every name beyond the first has to be worth the threshold."""
-    judge.settings.progress("one mechanism in place of all names")
+def _instead_of(found: Named, judge: Judge, mechanisms: Sequence[Mechanism], these: Sequence[Tried]) -> None:
+    """Puts one mechanism into the place of several names, where it explains what they do together: names of a library,
+    or of a library and of the grammar, add up to a law that is none of theirs. Every name beyond the first has to be
+    worth the threshold."""
+    every = len(these) == len(found.accepted)
+    judge.settings.progress(f"one mechanism in place of {', '.join(one.effect.name for one in these)}")
+    kept = [one for one in found.accepted if one not in these]
+    rest = [*found.base.effects, *(one.effect for one in kept)]
+    about = found.base
+    if not every:
+        about = fit(judge.train, rest, found.final.values, like=found.final, noise=found.final.noise)
     # what each name cost to be looked for is taken off, as it is of the mechanism
-    costs = sum(one.gain - one.surprise for one in found.accepted)
-    whole = found.base.criterion - found.final.criterion
-    needed = whole - costs - judge.settings.threshold * (len(found.accepted) - 1)
+    costs = sum(one.gain - one.surprise for one in these)
+    whole = about.criterion - found.final.criterion
+    needed = whole - costs - judge.settings.threshold * (len(these) - 1)
     # of two things that act, a law that stands for the larger one explains little of the other
-    alone = max((one.gain for one in found.tried), default=0.0)
-    screen = MechanismScreen(found.base, mechanisms, level=False)
-    worthy = [one for one in _scores(screen, found.base)[:MOST_SWAPS] if _worth(one) >= WORTH_SHARE * needed]
-    held = [one for one in _held_scores(found.base, mechanisms, judge) if _worth(one) >= WORTH_SHARE * needed]
+    alone = max((one.gain for one in (found.tried if every else these[:1])), default=0.0)
+    wanted = [one for one in mechanisms if one.name not in about.names]
+    screen = MechanismScreen(about, wanted, level=False)
+    worthy = [one for one in _scores(screen, about)[:MOST_SWAPS] if _worth(one) >= WORTH_SHARE * needed]
+    held = [one for one in _held_scores(about, wanted, judge) if _worth(one) >= WORTH_SHARE * needed]
     for other in sorted(_best_fits(judge, screen, worthy, held), key=lambda one: -one.surprise):
         more = found.final.criterion - other.fit.criterion
         if (
@@ -109,7 +120,7 @@ def _instead_of_all(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
         ):
             continue
         found.rivals[other.effect.name] = []
-        found.accepted, found.final = [other], other.fit
+        found.accepted, found.final = [*kept, other], other.fit
         return
 
 

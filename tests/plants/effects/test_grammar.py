@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from hoopd.plants.effects.grammar.axes import CLOCK, INPUT, POSITION
 from hoopd.plants.effects.grammar.mechanism import READING
 from hoopd.plants.effects.grammar.mechanisms import NAMED, mechanism_named, mechanisms
-from hoopd.plants.effects.grammar.memories import MEMORIES
+from hoopd.plants.effects.grammar.memories import MEMORIES, ONE_WAY
 from hoopd.plants.effects.grammar.memory_bodies import STOPS
 from hoopd.plants.effects.grammar.memory_law import PARTS, MemoryLaw
 from hoopd.plants.effects.grammar.shapes import LENS
@@ -80,6 +80,29 @@ def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
     found = memory.along(u, u, np.arange(len(u)) * h, constants)
     assert found == pytest.approx(np.array(means), abs=0.02 * np.abs(means).max())
     assert abs(found[1]) / 0.02 > 50.0 * abs(found[5]) / 1.0
+
+
+@pytest.mark.parametrize("name", ["rise", "fall", "up", "down"])
+@pytest.mark.parametrize("time_s", [0.005, 0.03])
+def test_what_is_late_in_one_direction_is_so_by_its_mean_until_the_next_sample(name: str, time_s: float) -> None:
+    """The recursion is the mean of what the model integrates, also where a large step goes through zero."""
+    (memory,) = [one for one in MEMORIES if one.name == name]
+    u = np.array([0.0, 0.02, 0.04, -0.03, -0.01, -0.01, 0.05, 0.0, 0.5, -0.1, 0.0])
+    constants, h, parts = {"T": time_s}, 0.02, 4000
+    z, means = u[0], []
+    for now in u:
+        told = []
+        for _ in range(parts):
+            told.append(memory.value(np, [z], now, constants))
+            (slope,) = memory.rates(np, [z], now, 0.0, constants, h / PARTS)
+            z += h / parts * slope
+        means.append(np.mean(told))
+    found = memory.along(u, u, np.arange(len(u)) * h, constants)
+    assert found[:-1] == pytest.approx(np.array(means)[:-1], abs=2e-3 * np.abs(means).max())
+    assert np.ptp(found) > 1e-3
+    late = {other.name: other.along(u, u, np.arange(len(u)) * h, constants) for other in ONE_WAY}
+    # each is late or its opposite is
+    assert late["rise"] + late["fall"] == pytest.approx(late["up"] + late["down"], abs=1e-12)
 
 
 def test_a_loose_part_is_felt_as_the_mean_of_its_blows() -> None:

@@ -123,6 +123,13 @@ def demand(plant: Plant) -> Axis:
     return Axis(name, name, plant.inputs[0].unit, INPUT, lambda s: s.demand, "the demand")
 
 
+def size(plant: Plant) -> Axis:
+    """The size of the first input: what a current draws from its supply, whichever way it goes."""
+    first = demand(plant)
+    return replace(first, name=f"size_{first.name}", text=f"|{first.text}|", kind=POWER,
+                   of=lambda s: abs(s.demand), words="the size of the demand")  # fmt: skip
+
+
 def driving(plant: Plant, q: str) -> Axis:
     """The first input, with the way of what it drives."""
     speed, place = rate(plant, q).of, position(plant, q).of

@@ -148,6 +148,7 @@ class Mechanism:
         power = self.shape.power if self.shape is not None else int(bool(self.memory and self.memory.scaled))
         parts = [(self.site.unit, 1), (self.axis.unit, -int(power))]
         parts += [(self.factor.unit, -1)] if self.factor else []
+        parts += [("s", 1)] if self.memory and self.memory.is_rate else []
         return product_text(*parts) + (f"/sqrt({self.axis.unit})" if power % 1 else "")
 
     def grid(self, v: Array, t: Array) -> list[dict[str, float]]:
@@ -246,7 +247,7 @@ class Mechanism:
         for name in self.constants:
             place = self.shape is not None and name == "v0" and self.shape.name in PLACED
             whole = name == "n" and self.axis.turning and not self.axis.scale_share
-            whole = whole or (self.memory is not None and self.memory.is_led)
+            whole = whole or (self.memory is not None and (self.memory.is_led or self.memory.is_chosen))
             unit = self._unit_of(name)
             yield EffectParameter(name, unit, 1.0, -inf if place else 1e-9, inf, "shape", (1.0,), discrete=whole)
         if self.shape is not None and self.shape.lasts:

@@ -30,12 +30,13 @@ from hoopd.plants.effects.grammar.axes import (
     power,
     rate,
     relative,
+    size,
     squared,
     state,
 )
 from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
-from hoopd.plants.effects.grammar.memories import MEMORIES
+from hoopd.plants.effects.grammar.memories import MEMORIES, ONE_WAY
 from hoopd.plants.effects.grammar.memory_law import MemoryLaw
 from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, HUM, LENS, STEPS, WAVE, ShapeLaw, shapes_of
 from hoopd.plants.effects.grammar.textbook import textbook_names
@@ -231,6 +232,9 @@ def _between(plant: Plant, site: ActingPlace, q: str, other: str) -> Iterator[Me
     for axis in (*own, *_own_axes(plant, site.slot)):
         for shape in _coefficients(axis):
             yield Mechanism(site, _paired(axis), shape, factor=speed, dissipates=shape.name in TAKING)
+        # a place that rubs
+        wells = (shape for shape in shapes_of(axis) if shape.name == "well" and axis.kind == POSITION)
+        yield from (Mechanism(site, _paired(axis), shape, dissipates=True, dry=speed) for shape in wells)
     yield from (Mechanism(site, _paired(CLOCK), shape, factor=speed) for shape in STEPS)
     yield from (Mechanism(site, mine, memory=memory, factor=speed) for memory in _memories("wear"))
     for memory in _memories("dahl", "play"):
@@ -261,7 +265,7 @@ def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         if shape.name not in ("linear", "threshold", "saturation"):
             yield Mechanism(site, first, shape)
     for memory in MEMORIES:
-        if first.kind in memory.kinds and memory.name in ("lag", "resonance", "hesitation"):
+        if first.kind in memory.kinds and (memory.name in ("lag", "resonance", "hesitation") or memory in ONE_WAY):
             yield Mechanism(site, first, memory=memory)
     factors = [rate(plant, q), position(plant, q), power(plant, q)] if q else []
     stores = [] if plant.driven else [state(plant, one) for one in plant.first_order]
@@ -280,6 +284,7 @@ def _of_actuator(plant: Plant, name: str, q: str) -> Iterator[Mechanism]:
         yield from (Mechanism(site, axis, memory=memory, factor=first) for memory in _memories("heat"))
     if q:
         yield from (Mechanism(site, drawn(plant, q), memory=memory, factor=first) for memory in _memories("lag"))
+    yield from (Mechanism(site, size(plant), memory=memory, factor=first) for memory in _memories("lag"))
 
 
 def _of_store(plant: Plant, name: str, own: str) -> Iterator[Mechanism]:

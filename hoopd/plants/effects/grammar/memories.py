@@ -13,6 +13,8 @@ samples for a screen that tries many constants at once. Both are the same law; a
                log(1 + z) (Dieterich 1979, Ruina 1983)
     twist      z' = (v - z)/T of an input that is held between samples, T of some samples and less
     hesitation T z' = v - z, T a part of a sample; (z - v) exp(-|v|/v0) makes a small v later than a large one
+    rise, fall, up, down
+               T z' = v - z; (z - v)/T where |v| grows, falls, v goes up, down: late in one direction alone
 
 Bodies that swing or are loose: `memory_bodies`.
 
@@ -34,6 +36,7 @@ from hoopd.plants.effects.grammar.memory_law import PARTS, Array, Constants, Mem
 LAG_SAMPLES = (3.0, 8.0, 20.0, 60.0, 200.0, 600.0)
 HEAT_SAMPLES = (50.0, 150.0, 500.0, 1500.0)
 TWIST_SAMPLES = (0.25, 0.75, 2.0, 6.0)
+ONE_WAY_SAMPLES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 WAY_S = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 WEAR_SHARES = (0.05, 0.15, 0.4, 1.0)
 # Sizes below which something is late, in usual ones.
@@ -191,6 +194,44 @@ def _sizes(v: Array, t: Array) -> list[float]:
     return [share * size for share in SIZES] if size > 0.0 else []
 
 
+# ---------------------------------------------------------------------------------------------- late one way
+
+
+def _late(name: str, when: str, words: str) -> MemoryLaw:
+    """What is late in one direction alone: a drive that conducts at once and lets go slowly, or the other way round."""
+    by_size, grows = name in ("rise", "fall"), name in ("rise", "up")
+
+    def value(ops: Any, z: Sequence[Any], v: Any, c: Constants) -> Any:
+        more = ops.fabs(v) - ops.fabs(z[0]) if by_size else v - z[0]
+        return (z[0] - v) / c["T"] * (1.0 + ops.sign(more if grows else -more)) / 2.0
+
+    def along(v: Array, way: Array, t: Array, c: Constants) -> Array:
+        # v is held until the next sample; exact: what is left of a step, and where its size passes that of v
+        h = np.diff(t, append=t[-1:])
+        left, rate = np.exp(-h / c["T"]), np.divide(1.0, h, out=np.zeros(len(h)), where=h > 0.0)
+        before = np.concatenate([[1.0], left[:-1]])
+        z = carried(before, (1.0 - before) * np.concatenate([v[:1], v[:-1]]) + np.where(np.arange(len(v)) == 0, v, 0.0))
+        far = z - v
+        if not by_size:
+            whole = (far < 0.0) == grows
+            return np.where(whole, far * (1.0 - left), 0.0) * rate
+        # |v| > |z| where z is behind v and no farther than -v
+        passed = np.where(far * v < 0.0, np.minimum(2.0 * np.abs(v) / np.maximum(np.abs(far), LEAST), 1.0), 0.0)
+        growing = np.maximum(passed - left, 0.0)
+        return np.asarray(far * (growing if grows else 1.0 - left - growing) * rate)
+
+    return MemoryLaw(
+        name, (INPUT,), _lag_rates, value, along, "T", lambda axis: "s", _lags(ONE_WAY_SAMPLES),
+        f"(z - {{v}})/T where {when}, T z' = {{v}} - z", f"lags each {words} of", scaled=True, held=True,
+        is_rate=True, is_chosen=True,
+    )  # fmt: skip
+
+
+ONE_WAY = (
+    _late("rise", "|{v}| > |z|", "growth in size"), _late("fall", "|{v}| < |z|", "fall in size"),
+    _late("up", "{v} > z", "step up"), _late("down", "{v} < z", "step down"),
+)  # fmt: skip
+
 MEMORIES: tuple[MemoryLaw, ...] = (
     MemoryLaw(
         "dahl", (POSITION,), _dahl_rates, lambda ops, z, v, c: z[0], _dahl_along, "xs", lambda axis: axis.unit, _ways,
@@ -234,6 +275,7 @@ MEMORIES: tuple[MemoryLaw, ...] = (
         _sizes, "(z - {v}) exp(-|{v}|/v0), z after {v} by a part of a sample",
         "is late, the more so the smaller it is, behind", scaled=True, held=True,
     ),
+    *ONE_WAY,
     _reversal(POSITION),
     _reversal(INPUT),
     *BODIES,

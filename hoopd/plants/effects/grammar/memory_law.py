@@ -79,6 +79,8 @@ class MemoryLaw:
     is_led: bool = False
     dissipates: bool = False
     scaled: bool = False  # its value has the unit of the variable; else it is a number
+    is_rate: bool = False  # or of its rate: the amplitude has a time in it
+    is_chosen: bool = False  # its constant is the best that was tried: no fit moves it
     held: bool = False
     second: str = ""
     seconds: Callable[[float], Sequence[tuple[float, int]]] = lambda h: ((DAMPING, 1),)
