@@ -18,7 +18,7 @@ from hoopd.diagnose.record_file import to_digits
 from hoopd.diagnose.run import Outcome
 from hoopd.diagnose.search.effect_changes import at_nodes
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretch_scatter import interval
 
@@ -91,7 +91,7 @@ def outside(outcome: Outcome) -> list[str]:
     """Parameters of the plant and of effects beyond the bounds that they are declared with."""
     final, found = outcome.written.fit, list[str]()
     bounds = {n: ends for track in final.tracks for n, ends in track.stretch.plant.bounds.items()}
-    bounds |= {e.key(p.name): (p.low, p.high) for e in _known(final) for p in e.parameters if p.role != "phase"}
+    bounds |= ranges_of(_known(final))
     for name, (low, high) in bounds.items():
         value = final.values.get(name)
         if value is not None and not low <= value <= high:

@@ -16,7 +16,8 @@ from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.confirmation import Confirmation, status_of
 from hoopd.diagnose.proof.disagreement import Differs
 from hoopd.diagnose.proof.finding_standings import Standing, Standings
-from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse, with_and_without
+from hoopd.diagnose.proof.fit_record import mean_nrmse
+from hoopd.diagnose.proof.fit_tables import Played, with_and_without
 from hoopd.diagnose.proof.not_excluded import Separation
 from hoopd.diagnose.proof.probabilities import Option, likely
 from hoopd.diagnose.proof.unknown_proof import Proven
@@ -30,7 +31,6 @@ from hoopd.diagnose.record import (
     Disagreement,
     EffectFinding,
     Evidence,
-    Fits,
     Placebo,
     Quantity,
     Refused,
@@ -38,7 +38,6 @@ from hoopd.diagnose.record import (
     Unexplained,
     Verdict,
 )
-from hoopd.diagnose.record import Fit as Percent
 from hoopd.diagnose.search.candidates import needed_of, surprise_of
 from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.surprise import surprise
@@ -50,8 +49,6 @@ from hoopd.plants.likelihood.priors import ranges
 from hoopd.plants.likelihood.recording_parameters import values_of
 from hoopd.plants.likelihood.stretch_scatter import interval
 
-# Hypotheses that a table of fits has a column for.
-SHOWN = ("nominal", "base", "final", "ceiling", "written")
 # Candidates that were not tried on their own are told of when they are this likely.
 LEAST_TOLD = 0.01
 # An interval so many times as wide as a parameter is large says nothing.
@@ -111,7 +108,7 @@ def parameters_of(effect: Effect, found: HypothesisFit) -> dict[str, Quantity]:
     """Of one effect; what belongs to a recording is given for the first one in which it is anything, then by
     recording."""
     out = {}
-    recordings = list(dict.fromkeys(track.stretch.recording for track in found.tracks))
+    recordings = found.recordings
     for p in effect.parameters:
         key = effect.key(p.name)
         if p.name == BEGAN:
@@ -154,7 +151,7 @@ def effects_of(
     said: Confirmation,
 ) -> list[EffectFinding]:
     """Named effects that are not refused and faults of the camera, most evidence first."""
-    percents = {name: _mean_nrmse(one) for name, one in heldout.items()}
+    percents = {name: mean_nrmse(one) for name, one in heldout.items()}
     found = [
         _effect(named, name, heldout, percents, threshold, apart[name], placebos.get(name), said)
         for name in (one.effect.name for one in named.accepted)
@@ -206,7 +203,7 @@ AT_ONCE = 0.01
 
 def _when(effect: Effect, found: HypothesisFit) -> str:
     """From when on it is as it is, where it began once in one of the recordings; and what is over at once."""
-    recordings = dict.fromkeys(track.stretch.recording for track in found.tracks)
+    recordings = found.recordings
     if _is_over_at_once(effect, found):
         driven = any(
             slot.coordinate == track.stretch.plant.driven
@@ -361,7 +358,7 @@ def unknown_finding(unknown: Unknown, heldout: Mapping[str, Played], said: Confi
     gain, ablation, without = None, None, heldout.get(f"without {unknown.name}")
     denied = None if said is None else said.denials.get(unknown.name)
     if without is not None:
-        gain, ablation = _taken_out(unknown.gain, _mean_nrmse(heldout["final"]), _mean_nrmse(without))
+        gain, ablation = _taken_out(unknown.gain, mean_nrmse(heldout["final"]), mean_nrmse(without))
     return EffectFinding(
         name=unknown.name,
         slot=unknown.curve.slot,
@@ -402,36 +399,3 @@ def unexplained_of(unknown: Unknown | None, standings: Standings) -> Unexplained
         carries_over=unknown.carries_over,
         probability=standings.findings[unknown.name].probability,
     )  # fmt: skip
-
-
-def fits_of(fits: Mapping[str, Played]) -> Fits:
-    """NRMSE of nominal, base, final, and ceiling and what is written where they are given, by recording and channel."""
-    figures = {name: _by_recording(one) for name, one in fits.items() if name in SHOWN}
-    floors = _floors(fits["final"])
-    return {
-        recording: {
-            channel: Percent(
-                nominal=figures["nominal"][recording].get(channel), base_refit=value,
-                with_effects=figures["final"][recording].get(channel),
-                noise_floor=floors.get(recording, {}).get(channel),
-                ceiling=figures.get("ceiling", {}).get(recording, {}).get(channel),
-                written=figures.get("written", {}).get(recording, {}).get(channel),
-            )
-            for channel, value in channels.items()
-        }
-        for recording, channels in figures["base"].items()
-    }  # fmt: skip
-
-
-def _by_recording(one: Played) -> dict[str, dict[str, float]]:
-    return {name: nrmse(runs) for name, runs in one.by_recording().items()}
-
-
-def _floors(one: Played) -> dict[str, dict[str, float]]:
-    return {name: noise_floor(runs, one.fit.noise) for name, runs in one.by_recording().items()}
-
-
-def _mean_nrmse(one: Played) -> dict[str, float]:
-    each = _by_recording(one).values()
-    channels = dict.fromkeys(channel for part in each for channel in part)
-    return {channel: float(np.nanmean([part.get(channel, np.nan) for part in each])) for channel in channels}

@@ -88,7 +88,7 @@ def _moved(named: Named) -> Array:
 def change_by(effect: Effect, named: Named) -> Array:
     """(rows,) what a named effect changes at its fitted values, whitened as the base's innovations are."""
     final, total = named.final, np.zeros(sum(len(rows) for rows in named.base.rows))
-    for recording in dict.fromkeys(track.stretch.recording for track in final.tracks):
+    for recording in final.recordings:
         mark = f"@{recording}"
         values = {
             p.name: final.values.get(effect.key(p.name) + mark, final.values.get(effect.key(p.name), p.neutral))

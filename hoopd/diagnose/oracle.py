@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
-from hoopd.diagnose.findings import fits_of
 from hoopd.diagnose.inputs import source_of
+from hoopd.diagnose.proof.fit_record import fits_of
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.record_file import to_plain, unwrapped
 from hoopd.diagnose.run import Case, proving, stretches_of, training

@@ -20,7 +20,6 @@ from hoopd.diagnose.findings import (
     disagreement_of,
     effects_of,
     faults_of,
-    fits_of,
     is_any_told,
     refused_of,
     remains_of,
@@ -36,6 +35,7 @@ from hoopd.diagnose.proof.disagreement import Differs, differing
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.proof.error_windows import error_windows
 from hoopd.diagnose.proof.finding_standings import Asked, standings
+from hoopd.diagnose.proof.fit_record import fits_of
 from hoopd.diagnose.proof.fit_tables import Played, channel_source
 from hoopd.diagnose.proof.free_run_record import free_choice
 from hoopd.diagnose.proof.free_runs import free_runs

@@ -6,67 +6,27 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
-from diagnose.examples import consistent, coulomb
-from diagnose.madeup import shipped_plant, stretch_with
+from diagnose.confirming import FRICTION, LIMIT, PLANT, TILT, confirmed, named_with, recorded
+from diagnose.madeup import stretch_with
 
-from hoopd.commands.diagnosed_model import flipped, left_out, outside
 from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import denial as denials
-from hoopd.diagnose.proof import replacement, worse_channels
+from hoopd.diagnose.proof import worse_channels
 from hoopd.diagnose.proof.confirmation import HARDLY, Confirmation, confirmation, less_sure, of_all, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss
-from hoopd.diagnose.proof.fit_tables import Played, played
+from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.proof.held_out import HeldOut
-from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.training_windows import is_wave, reason_of
 from hoopd.diagnose.proof.worse_channels import lowered
 from hoopd.diagnose.record import Placebo
-from hoopd.diagnose.search.candidates import Judge, Settings, Tried
+from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import Named, Refusal
-from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
-from hoopd.plants.likelihood.stretches import Stretch
-
-PLANT = shipped_plant()
-FRICTION = library(PLANT)["hoop.coulomb_friction"]
-LIMIT = library(PLANT)["actuator.saturation"]
-TILT = library(PLANT)["frame.tilt"]
-SIZE = {f"{FRICTION.name}.Fc": 0.03}
-
-
-def recorded(name: str, seed: int, friction: bool, seconds: float = 16.0) -> Stretch:
-    effects, values = ([FRICTION], {**PLANT.values, **SIZE}) if friction else ([], PLANT.values)
-    return stretch_with(PLANT, name, seed, seconds, effects, values)
-
-
-@pytest.fixture(scope="module")
-def fits() -> tuple[HypothesisFit, HypothesisFit]:
-    """Without and with a friction, fitted to data that have it."""
-    train = [recorded("train", 1, friction=True)]
-    base = fit(train, (), PLANT.values)
-    return base, fit(train, (FRICTION,), {**base.values, **SIZE}, like=base, noise=base.noise)
-
-
-def named_with(base: HypothesisFit, final: HypothesisFit, effect: Effect = FRICTION) -> Named:
-    score: Any = SimpleNamespace(member=SimpleNamespace(effect=effect))
-    gain = base.criterion - final.criterion
-    one = Tried(effect, final, gain, gain, score)
-    return Named(base, base, final, [one], [one], {effect.name: gain}, {effect.name: base})
-
-
-def confirmed(named: Named, stretch: Stretch) -> tuple[Confirmation, dict[str, Played]]:
-    held = HeldOut([stretch])
-    wanted = {"base": named.base, "named": named.final}
-    wanted |= {f"without {name}": one for name, one in named.without.items()}
-    shown = played({name: run for name, one in wanted.items() if (run := held.of(one)) is not None})
-    shown["final"] = shown["named"]
-    return confirmation(named, held, shown, None, 12.0), shown
 
 
 def test_what_is_there_is_confirmed_and_kept(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
@@ -97,14 +57,6 @@ def test_what_is_hardly_the_law_in_its_place_is_weak_whatever_held_out_data_gain
     # what is denied stays denied, with its own reason
     denied = replace(said, statuses={FRICTION.name: "not_confirmed"})
     assert less_sure(denied, {FRICTION.name: 0.005}).statuses == {FRICTION.name: "not_confirmed"}
-
-
-@pytest.fixture(scope="module")
-def wrong() -> tuple[HypothesisFit, HypothesisFit]:
-    """Without and with a friction that is not there, as if it had been."""
-    train = [recorded("train", 1, friction=False)]
-    base = fit(train, (), PLANT.values)
-    return base, fit(train, (FRICTION,), {**base.values, **SIZE}, like=base, noise=base.noise, move=False)
 
 
 def test_what_held_out_data_refuse_is_not_confirmed_and_in_no_model(wrong: tuple[HypothesisFit, HypothesisFit]) -> None:
@@ -160,70 +112,6 @@ def test_a_finding_that_is_denied_and_leaves_evidence_is_told_and_not_kept(
     found, _ = confirmed(named, recorded("held", 2, friction=True))
     assert found.statuses == {FRICTION.name: "not_confirmed"} and found.kept is named.base
     assert not found.refused and is_any_told(named, found) and refused_of(named, found) == []
-
-
-def test_a_neighbour_of_the_same_slot_takes_the_place_of_a_denied_name() -> None:
-    """A friction that was called a drag; a drag that is denied and has no neighbour stays."""
-    drag = library(PLANT)["hoop.quadratic_drag"]
-    train, held = [recorded("train", 1, friction=True)], HeldOut([recorded("held", 2, friction=True)])
-    base = fit(train, (), PLANT.values)
-    size = {f"{drag.name}.c": 2.0 * next(p.size for p in drag.parameters if p.name == "c")}
-    named = named_with(
-        base, fit(train, (drag,), {**base.values, **size}, like=base, noise=base.noise, move=False), drag
-    )
-    named.losses[drag.name] = 15.0
-    near = {one.name: one for one in (drag, library(PLANT)["ball.quadratic_drag"])}
-    replace_denied(named, held, Judge(train, near, Settings()))
-    assert named.final.names == (drag.name,)
-    judge = Judge(train, {**near, FRICTION.name: FRICTION}, Settings())
-    replace_denied(named, held, judge)  # what barely passed is not worth a neighbour
-    assert named.final.names == (drag.name,)
-    named.losses[drag.name] = 30.0
-    replace_denied(named, held, judge)
-    assert named.final.names == (FRICTION.name,) and [one.effect.name for one in named.accepted] == [FRICTION.name]
-    assert named.losses.keys() == named.without.keys() == {FRICTION.name} and named.losses[FRICTION.name] > 20.0
-    assert named.rivals[FRICTION.name][0][0] == drag.name
-
-
-def test_neighbours_are_effects_of_the_same_slot(
-    fits: tuple[HypothesisFit, HypothesisFit], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[list[str]] = []
-
-    def judge(train: Any, near: Any, settings: Any) -> Any:
-        asked.append([*near])
-        return SimpleNamespace(proposals=lambda *_: [])
-
-    monkeypatch.setattr(replacement, "Judge", judge)
-    named = named_with(*fits)
-    replacement._tried(named, Judge([], library(PLANT), Settings()), named.accepted[0])
-    assert "hoop.quadratic_drag" in asked[0] and FRICTION.name not in asked[0]
-    assert {name.split(".")[0] for name in asked[0]} == {"hoop"}
-
-
-@pytest.mark.parametrize("lost", [None, 5.0])
-def test_a_neighbour_that_folds_refuse_takes_no_place(lost: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    name, other = FRICTION.name, SimpleNamespace(surprise=40.0, fit=SimpleNamespace(criterion=0.0))
-    named: Any = SimpleNamespace(
-        final=SimpleNamespace(criterion=1.0), without={name: SimpleNamespace(criterion=50.0)}, accepted=[1]
-    )
-    judge: Any = SimpleNamespace(settings=Settings(), fold_loss=lambda *_: lost)
-    held: Any = SimpleNamespace(played_of=lambda _: object())
-    one: Any = SimpleNamespace(effect=FRICTION)
-    monkeypatch.setattr(replacement, "_tried", lambda *_: [other])
-    monkeypatch.setattr(replacement, "surprise_in", lambda *_: 30.0)
-    monkeypatch.setattr(replacement, "denial", lambda *_: None)
-    assert replacement._neighbour(named, held, judge, one, 0) is (other if lost is None else None)
-
-
-def test_a_name_that_is_not_denied_is_not_exchanged(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
-    named = named_with(*fits)
-    stribeck = library(PLANT)["hoop.stribeck_friction"]
-    judge = Judge([track.stretch for track in fits[1].tracks], {stribeck.name: stribeck}, Settings())
-    replace_denied(named, HeldOut([recorded("held", 2, friction=True)]), judge)
-    assert named.final is fits[1]
-    replace_denied(named, HeldOut([]), judge)
-    assert named.final is fits[1]
 
 
 def test_the_chance_of_a_worse_channel_is_shared_by_names_and_channels(
@@ -409,120 +297,6 @@ def test_equal_simulations_lower_nothing_and_noise_is_no_loss(fits: tuple[Hypoth
     assert worse and max(worse.values()) > 1.0
 
 
-def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Taken out again neither of two is denied; the one with less evidence is, beside the other."""
-    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
-        (), ("a",), ("b",), ("a", "b"))}  # fmt: skip
-    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
-    asked = []
-
-    def denied(before: Any, after: Any, *_: Any) -> Denial | None:
-        asked.append((before.fit.names, after.fit.names))
-        return (
-            Denial({"x": 2.0})
-            if (before.fit.names, after.fit.names) == (("a",), ("a", "b")) and len(asked) > 2
-            else None
-        )
-
-    monkeypatch.setattr(confirmation_module, "denial", denied)
-    monkeypatch.setattr(confirmation_module, "lowered", lambda *_: {"x": 1.5})
-    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
-    named: Any = SimpleNamespace(
-        base=made[()], final=made["a", "b"], accepted=[two, one], losses={"a": 40.0, "b": 15.0},
-        without={"a": made["b",], "b": made["a",]}, others=[],
-    )  # fmt: skip
-    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
-    fits = {"base": shown[()], "named": shown["a", "b"], "without a": shown["b",], "without b": shown["a",]}
-    found = confirmation_module._of_names(named, held, fits, 0)
-    assert asked[2:] == [((), ("a",)), (("a",), ("a", "b"))]  # most evidence first
-    assert found.kept is made["a",] and found.heldout is shown["a",] and [*found.denials] == ["b"]
-
-
-def test_of_two_denied_names_that_stand_in_for_each_other_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each is denied beside the other; without both, held-out data are worse than with both."""
-    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
-        (), ("a",), ("b",), ("a", "b"))}  # fmt: skip
-    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
-    monkeypatch.setattr(
-        confirmation_module, "denial", lambda before, *_: Denial({"x": 2.0}) if before.fit.names else None
-    )
-    monkeypatch.setattr(
-        confirmation_module, "lowered", lambda before, after, *_: {"x": 9.0} if before.fit.names else {}
-    )
-    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
-    named: Any = SimpleNamespace(
-        base=made[()], final=made["a", "b"], accepted=[two, one], losses={"a": 40.0, "b": 15.0},
-        without={"a": made["b",], "b": made["a",]}, others=[],
-    )  # fmt: skip
-    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
-    fits = {"base": shown[()], "named": shown["a", "b"], "without a": shown["b",], "without b": shown["a",]}
-    found = confirmation_module._of_names(named, held, fits, 0)
-    assert found.kept is made["a",] and [*found.denials] == ["b"]
-
-
-def test_a_name_that_costs_something_alone_is_asked_again_beside_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first is denied alone and not beside the second; nothing is asked twice of the same."""
-    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
-        (), ("a",), ("b",), ("b", "a"))}  # fmt: skip
-    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
-    asked = []
-
-    def denied(before: Any, after: Any, *_: Any) -> Denial | None:
-        asked.append((before.fit.names, after.fit.names))
-        return Denial({"x": 2.0}) if asked[-1] == ((), ("a",)) else None
-
-    monkeypatch.setattr(confirmation_module, "denial", denied)
-    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
-    named: Any = SimpleNamespace(
-        base=made[()], final=made["b", "a"], accepted=[one, two], losses={"a": 40.0, "b": 15.0},
-        without={"a": made["b",], "b": made["a",]}, others=[],
-    )  # fmt: skip
-    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
-    found = confirmation_module._taken_up(named, held, {"base": shown[()]}, 0)
-    assert asked == [((), ("a",)), ((), ("b",)), (("b",), ("b", "a"))]
-    assert found.kept is made["b", "a"] and not found.denials
-
-
-def _effect(name: str) -> Any:
-    return SimpleNamespace(name=name)
-
-
-@pytest.mark.parametrize(
-    ("lost", "carries_over", "status"),
-    [({}, True, "confirmed"), ({}, False, "not_confirmed"), ({"x": 2.0}, True, "not_confirmed")],
-)
-def test_a_curve_is_denied_by_its_values_or_by_its_simulation(
-    lost: dict[str, float], carries_over: bool, status: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(confirmation_module, "lowered", lambda *_: lost)
-    unknown = SimpleNamespace(name="unknown.hoop", carries_over=carries_over, surprise=30.0, threshold=12.0)
-    proof: Any = SimpleNamespace(unknown=unknown, denial=None)
-    fits: Any = {"without unknown.hoop": object(), "final": object()}
-    told, why = confirmation_module._of_curve(proof, fits, 0)
-    assert told == status and (why is not None) is bool(lost)
-    assert confirmation_module._of_curve(proof, {}, 0)[0] == ("untested" if carries_over else "not_confirmed")
-
-
-def made_up(size: float, worse: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]:
-    """Ten windows with errors of `size` of the motion, and the same with each window's worse by a factor."""
-    monkeypatch.setattr("hoopd.diagnose.proof.worse_channels.series", lambda windows: {"x": windows})
-    t, random = np.arange(100.0), np.random.default_rng(2)
-    y = np.sin(0.3 * t)
-    errors = [size * random.normal(size=100) for _ in worse]
-    each = [[(t, y, y + by * one) for by, one in zip(factors, errors, strict=True)] for factors in (worse**0, worse)]
-    before, after = (SimpleNamespace(by_recording=lambda windows=windows: {"r": windows}) for windows in each)
-    return before, after
-
-
-def test_a_loss_of_part_of_a_point_counts_where_all_windows_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same loss that some windows make and others take back is left open by the draws."""
-    found = lowered(*made_up(0.1, np.full(10, 1.03), monkeypatch))
-    assert 0.3 < found["x"] < 0.6
-    before, after = made_up(0.1, np.tile([1.35, 0.5], 5), monkeypatch)
-    assert lowered(before, after) == {}
-    assert "x" in lowered(*made_up(0.1, np.tile([1.6, 0.8], 5), monkeypatch))  # beyond a point, sure or not
-
-
 def test_what_folds_refused_is_told_with_the_reason(fits: tuple[HypothesisFit, HypothesisFit]) -> None:
     named = replace(named_with(*fits), refusals={"actuator.cogging": Refusal(33.0, 7.2)})
     told = refused_of(named, Confirmation(fits[1], fits[1], fits[1], {}, {FRICTION.name: "confirmed"}))
@@ -535,60 +309,6 @@ def test_of_several_reasons_that_is_told_which_makes_a_name_weak(fits: tuple[Hyp
     for lost, told in (({}, HARDLY), ({"psi": 2.0}, reason_of({"psi": 2.0}))):
         said = Confirmation(fits[1], fits[1], fits[1], {}, own, harmful={FRICTION.name: lost}, unlikely=unlikely)  # type: ignore[arg-type]
         assert said.reason(FRICTION.name) == told
-
-
-def test_what_a_written_model_is_without_is_told_with_the_reason() -> None:
-    first = coulomb()[0].effects[0]
-    each = [
-        msgspec.structs.replace(first, name=name, status=status, reason=reason, in_model=False)
-        for name, status, reason in (
-            ("a.denied", "not_confirmed", "psi is worse"),
-            ("a.harmful", "weak", "blocks are worse"),
-            ("a.faint", "weak", ""),
-            ("a.own", "confirmed", "a model file holds no effects of your own"),
-            ("unknown.hoop", "confirmed", ""),
-        )
-    ]
-    kept = msgspec.structs.replace(first, name="a.kept", status="confirmed", in_model=True)
-    told = left_out(SimpleNamespace(diagnosis=SimpleNamespace(effects=[*each, kept])))  # type: ignore[arg-type]
-    assert told == [
-        "a.denied is not in the model: held-out data do not confirm it",
-        "a.harmful is not in the model: blocks are worse",
-        "a.faint is not in the model: its evidence is weak",
-        "a.own is not in the model: a model file holds no effects of your own",
-    ]
-
-
-def test_a_parameter_that_changed_its_sign_is_told() -> None:
-    diagnosis, _ = consistent()
-    (name, one), *_ = diagnosis.base.parameters.items()
-    other = msgspec.structs.replace(one, value=-2.5, nominal=1.5)
-    base = msgspec.structs.replace(diagnosis.base, parameters={**diagnosis.base.parameters, name: other})
-    assert flipped(diagnosis.base) == []
-    (told,) = flipped(base)
-    assert told.startswith(f"{name} has the other sign: -2.5 ") and told.endswith("1.5 before")
-
-
-def test_what_is_beyond_its_bounds_is_told_of_plant_and_effects_and_a_phase_is_not() -> None:
-    plant = replace(PLANT, bounds={"J11": (0.0, np.inf)})
-    wave = library(PLANT)["hoop.imbalance"]
-    values = {
-        **PLANT.values,
-        "J11": -0.1,
-        f"{FRICTION.name}.Fc": -1e-3,
-        f"{wave.name}.A": 1e-3,
-        f"{wave.name}.phi": 9.0,
-    }
-    kept = SimpleNamespace(
-        tracks=[SimpleNamespace(stretch=SimpleNamespace(plant=plant))], effects=(FRICTION, wave), values=values
-    )
-    found: Any = SimpleNamespace(written=SimpleNamespace(fit=kept))
-    first, second = outside(found)
-    assert first.startswith("J11 is -0.1, beyond the 0 to inf ") and second.startswith(
-        f"{FRICTION.name}.Fc is -0.001, "
-    )
-    kept.values = {**values, "J11": 0.1, f"{FRICTION.name}.Fc": 1e-3}
-    assert outside(found) == []
 
 
 def test_names_are_proven_beside_those_that_are_kept(fits: tuple[HypothesisFit, HypothesisFit]) -> None:

@@ -11,7 +11,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from scipy.stats import chi2
 
 from hoopd.diagnose.curves.curve import curves
-from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, shapes_of, together
+from hoopd.diagnose.curves.curve_fits import fitted_shapes, shapes_of, together
 from hoopd.diagnose.curves.curve_screen import CurveScreen, by_slot, null_quantiles
 from hoopd.diagnose.curves.curve_sites import wanted
 from hoopd.diagnose.curves.hats import curve_expression, hats, spread_knots, turn_knots
@@ -198,7 +198,7 @@ def test_curves_of_the_ball_are_fitted_beside_recordings_of_the_hoop_alone() -> 
     scores = [screen.score(screen._index(one), screen.residual) for one in (hoop_of_ball, own)]
     joint, made = together(scores, base)
     assert np.isfinite(joint.criterion)
-    shapes = fitted_shapes(made[1], joint, recordings_of(joint))
+    shapes = fitted_shapes(made[1], joint, joint.recordings)
     assert [one.recording for one in shapes] == ["both2", "both3"]
     assert [one.recording for one in shapes_of(scores[1], screen.recordings)] == ["both2", "both3"]
 

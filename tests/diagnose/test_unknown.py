@@ -12,13 +12,14 @@ from diagnose.examples import bad_data
 from diagnose.madeup import NOISE, shipped_plant, stretch_with
 
 from hoopd.diagnose.curves.curve import curves
-from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
+from hoopd.diagnose.curves.curve_fits import fitted_shapes, together
 from hoopd.diagnose.curves.location_evidence import locate
 from hoopd.diagnose.curves.unknown_effects import Survey, chance_of_lead, judge_unknown, survey
-from hoopd.diagnose.findings import fits_of, refused_of, unknown_finding
+from hoopd.diagnose.findings import refused_of, unknown_finding
 from hoopd.diagnose.location import location_of, segments_of
 from hoopd.diagnose.proof import unknown_proof as unnamed
 from hoopd.diagnose.proof.confirmation import confirmation
+from hoopd.diagnose.proof.fit_record import fits_of
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.hypotheses import heldout_fits
@@ -73,7 +74,7 @@ def test_a_force_outside_the_library_is_unknown_where_it_sits(magnetic: Survey) 
 
 def test_its_curve_is_the_force(magnetic: Survey) -> None:
     joint, (curve,) = together([magnetic.curves[0]], magnetic.fit)
-    shapes = fitted_shapes(curve, joint, recordings_of(joint))
+    shapes = fitted_shapes(curve, joint, joint.recordings)
     assert joint.criterion < magnetic.fit.criterion - 10.0
     shape = shapes[0]
     true = np.array([PULL * float(magnet_force(float(x))) for x in shape.x])

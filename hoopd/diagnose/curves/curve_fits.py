@@ -82,7 +82,7 @@ def _pooled(basis: Array, m: int, parts: int) -> Array:
 
 def together(scores: Sequence[CurveScore], beside: HypothesisFit) -> tuple[HypothesisFit, list[UnnamedCurve]]:
     """Curves fitted jointly with everything the fit has, noise levels held: the fit, and the curves as it has them."""
-    recordings = recordings_of(beside)
+    recordings = beside.recordings
     made = [with_curve(score, beside, recordings) for score in scores]
     start = {name: value for _, values in made for name, value in values.items()}
     joint = fit(
@@ -90,11 +90,6 @@ def together(scores: Sequence[CurveScore], beside: HypothesisFit) -> tuple[Hypot
         noise=beside.noise, like=beside, tune_noise=False,
     )  # fmt: skip
     return joint, [curve for curve, _ in made]
-
-
-def recordings_of(found: HypothesisFit) -> tuple[str, ...]:
-    """Names, in the order of the data."""
-    return tuple(dict.fromkeys(track.stretch.recording for track in found.tracks))
 
 
 def fitted_shapes(curve: UnnamedCurve, joint: HypothesisFit, recordings: Sequence[str]) -> tuple[Shape, ...]:

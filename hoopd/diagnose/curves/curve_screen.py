@@ -58,7 +58,7 @@ class CurveScreen:
 
     def __init__(self, fit: HypothesisFit, of: Sequence[UnnamedCurve] | None = None) -> None:
         self.fit, self.curves = fit, list(curves(fit) if of is None else of)
-        self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
+        self.recordings = fit.recordings
         rows = fit.stacked()
         self._known = orthonormal(rows[:, 1:])
         self.residual = self.projected(rows[:, :1])[:, 0]

@@ -123,7 +123,7 @@ def _with_least_disturbances(found: HypothesisFit) -> HypothesisFit:
 
 def _recording_of(found: HypothesisFit) -> NDArray[np.intp]:
     """(rows,) number of the recording."""
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(track.stretch.recording for track in found.tracks))}
+    numbers = {name: k for k, name in enumerate(found.recordings)}
     counts = [len(one) for one in found.rows]
     return np.repeat([numbers[track.stretch.recording] for track in found.tracks], counts)
 
@@ -194,7 +194,7 @@ def _values(found: HypothesisFit, which: NDArray[np.intp], one: _Asked) -> dict[
     size = np.sqrt(np.sum(every**2, axis=0))
     size[size == 0.0] = 1.0
     moved = np.linalg.lstsq(every / size, rows[:, 0], rcond=1e-7)[0] / size
-    names = [*dict.fromkeys(track.stretch.recording for track in found.tracks)]
+    names = found.recordings
     return {names[k]: one.now + one.size * float(step) for k, step in zip(known, moved[-len(known) :], strict=True)}
 
 

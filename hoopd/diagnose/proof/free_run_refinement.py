@@ -30,7 +30,7 @@ from hoopd.diagnose.proof.window_comparison import (
 from hoopd.diagnose.proof.window_lengths import growth_of
 from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsEliminated, minimise
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.stretch_scatter import StretchShare
 from hoopd.plants.likelihood.stretches import Stretch
@@ -190,8 +190,7 @@ Bounds = Mapping[str, tuple[float, float]]
 
 def _bounds(effects: Sequence[Effect], plants: Sequence[Plant]) -> Bounds:
     """By name, of the plants and of effects; phases go round."""
-    own = {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
-    return {name: ends for plant in plants for name, ends in plant.bounds.items()} | own
+    return {name: ends for plant in plants for name, ends in plant.bounds.items()} | ranges_of(effects)
 
 
 def _moved(values: Mapping[str, float], free: Sequence[str], delta: Array, bounds: Bounds) -> dict[str, float]:

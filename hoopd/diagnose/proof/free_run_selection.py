@@ -20,7 +20,7 @@ from hoopd.diagnose.proof.free_run_refinement import LENGTHS_S, SETTLED, Refined
 from hoopd.diagnose.proof.sensitivity import Sensitivity, independent, states_of
 from hoopd.diagnose.search.candidates import free_of_recordings
 from hoopd.diagnose.search.screen import Score
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch
 
@@ -217,7 +217,7 @@ def _complete(effects: Sequence[Effect], values: Mapping[str, float], own: Seque
 
 def _moved(here: Selected, beside: Mapping[str, float], share: float) -> dict[str, float]:
     """Values with a share of what the free parameters move, each within its range."""
-    ranges = {e.key(p.name): (p.low, p.high) for e in here.effects for p in e.parameters if p.role != "phase"}
+    ranges = ranges_of(here.effects)
     out = dict(here.refined.values)
     for name, move in beside.items():
         low, high = ranges.get(name.split("@")[0], (-np.inf, np.inf))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from hoopd.diagnose.curves.curve_fits import recordings_of
 from hoopd.diagnose.proof.fit_tables import Played, run_windows
 from hoopd.diagnose.search.candidates import free_of_recordings
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -50,7 +49,7 @@ class HeldOut:
 
 def on_heldout(joint: HypothesisFit, heldout: Sequence[Stretch], beside: HypothesisFit) -> tuple[HypothesisFit, int]:
     """A fit with curves on the held-out stretches, and how many values of curves were fitted again."""
-    known, new = set(recordings_of(joint)), dict.fromkeys(one.recording for one in heldout)
+    known, new = set(joint.recordings), dict.fromkeys(one.recording for one in heldout)
     own = [p for e in joint.effects if e.name not in beside.names for p in _own(e.name, joint)]
     again = [f"{name}@{recording}" for recording in new if recording not in known for name in own]
     free = (*free_of_recordings(beside.effects, heldout), *again)

@@ -9,7 +9,7 @@ Rules of this file: it proposes and says what to expect; nothing runs here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -81,29 +81,27 @@ def next_experiment(
 
 def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     """Every entry of the menu, in its order."""
-    track = _stage(pair)
-    if track is None:
-        return []
-    period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
     known = rows_of_recordings(pair)
-    before = nats_apart([known])[pair.rival.name]
-    every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     members = [member for member, _ in known.rivals]
-    return [
-        Expected(one, nats_apart([known, rows_of_entry(pair, one, members)])[pair.rival.name] - before) for one in every
-    ]
+    return _expected(pair, known, members, lambda every: nats_apart(every)[pair.rival.name], seed)
 
 
 def expected_to_show(pair: Pair, seed: int = 0) -> list[Expected]:
     """Every entry of the menu, and the nats that it adds to what the recordings say of the pair's effect alone."""
+    return _expected(pair, rows_of_recordings(pair, []), [], nats_seen, seed)
+
+
+def _expected(
+    pair: Pair, known: Rows, members: Sequence[Member], counted: Callable[[Sequence[Rows]], float], seed: int
+) -> list[Expected]:
+    """`counted`: nats of some recordings' rows together."""
     track = _stage(pair)
     if track is None:
         return []
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
-    known = rows_of_recordings(pair, [])
-    before = nats_seen([known])
+    before = counted([known])
     every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
-    return [Expected(one, nats_seen([known, rows_of_entry(pair, one, [])]) - before) for one in every]
+    return [Expected(one, counted([known, rows_of_entry(pair, one, members)]) - before) for one in every]
 
 
 def rows_of_recordings(pair: Pair, rivals: Sequence[Effect] | None = None) -> Rows:
@@ -175,7 +173,7 @@ def _as_large_as_it_may_be(fitted: HypothesisFit, larger: Effect, effect: Effect
 
 
 def _recordings(final: HypothesisFit) -> tuple[str, ...]:
-    return (*dict.fromkeys(track.stretch.recording for track in final.tracks), NEXT)
+    return (*final.recordings, NEXT)
 
 
 def _free_of_next(pair: Pair) -> tuple[str, ...]:

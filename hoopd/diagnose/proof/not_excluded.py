@@ -195,5 +195,4 @@ def _expected(named: Named, one: Tried, rivals: Sequence[Effect]) -> dict[str, f
     if not rivals:
         return {}
     about = without_effect(named.final, one.effect, named.without[one.effect.name])
-    recordings = tuple(dict.fromkeys(track.stretch.recording for track in about.tracks))
-    return nats_apart([rows_beside(about, one.effect, named.final.values, rivals, recordings)])
+    return nats_apart([rows_beside(about, one.effect, named.final.values, rivals, about.recordings)])

@@ -143,8 +143,7 @@ def _at(score: Score) -> Member:
 
 def own_columns(about: HypothesisFit, effect: Effect, values: Mapping[str, float]) -> list[Column]:
     """An effect as fitted, recording by recording."""
-    recordings = dict.fromkeys(track.stretch.recording for track in about.tracks)
-    return [Column(tuple(values_in(effect, values, name).items()), name) for name in recordings]
+    return [Column(tuple(values_in(effect, values, name).items()), name) for name in about.recordings]
 
 
 def values_in(effect: Effect, values: Mapping[str, float], recording: str) -> dict[str, float]:

@@ -15,7 +15,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from hoopd.diagnose.curves.curve import UnnamedCurve, curves
-from hoopd.diagnose.curves.curve_fits import fitted_shapes, recordings_of, together
+from hoopd.diagnose.curves.curve_fits import fitted_shapes, together
 from hoopd.diagnose.curves.curve_screen import CurveScreen, null_quantiles
 from hoopd.diagnose.curves.unknown_effects import (
     DETECTION_CHANCE,
@@ -57,7 +57,7 @@ def proven(unknown: Unknown, held: HeldOut, seed: int = 0) -> Proven | None:
     size = surprise(gain / unknown.score.colour, unknown.score.columns)
     if size <= unknown.threshold:
         return None
-    shapes = fitted_shapes(curve, joint, recordings_of(joint))
+    shapes = fitted_shapes(curve, joint, joint.recordings)
     found = replace(unknown, shapes=shapes, gain=gain, surprise=size)
     without = held.of(unknown.beside)
     if without is None:

@@ -81,7 +81,7 @@ class Interval:
 def intervals(fit: HypothesisFit) -> list[Interval]:
     """All candidates of all recordings, in the order of time."""
     found: list[Interval] = []
-    for recording in dict.fromkeys(track.stretch.recording for track in fit.tracks):
+    for recording in fit.recordings:
         every = signals_by_name(fit, recording)
         chance, slower = CHANCE_A_MINUTE / len(every), _slower(fit, recording)
         spans = merged([span for one in every.values() for span in unusual(one, chance, slower)], slower)

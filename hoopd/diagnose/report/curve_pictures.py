@@ -72,9 +72,9 @@ def shown_of(named: Named, heldout: Mapping[str, Played], unknown: Unknown | Non
 
 def comparisons(base: Played, final: Played, ignored: Ignoreds) -> list[Comparison]:
     """Measured, before and after over windows, by recording."""
-    names = list(dict.fromkeys(track.stretch.recording for track in base.fit.tracks))[:MOST_RECORDINGS]
     return [
-        Comparison(name, traces(base, final, name), windows(base.window_s), ignored.get(name, ())) for name in names
+        Comparison(name, traces(base, final, name), windows(base.window_s), ignored.get(name, ()))
+        for name in base.fit.recordings[:MOST_RECORDINGS]
     ]
 
 

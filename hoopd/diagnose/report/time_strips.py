@@ -25,8 +25,7 @@ MOST_RECORDINGS = 6
 
 def strips(base: HypothesisFit, final: HypothesisFit, ignored: Mapping[str, Sequence[Ignored]]) -> Iterator[Strip]:
     """What the re-fitted base needs of every body, as multiples of what the final model still needs."""
-    names = list(dict.fromkeys(track.stretch.recording for track in base.tracks))[:MOST_RECORDINGS]
-    for name in names:
+    for name in base.recordings[:MOST_RECORDINGS]:
         before, after = _disturbances(base, name), _disturbances(final, name)
         plant = next(track.stretch.plant for track in base.tracks if track.stretch.recording == name)
         t = _times(base, name)

@@ -81,7 +81,7 @@ class MechanismScreen:
         self._basis = orthonormal(rows[:, 1:])
         self.residual = self._projected(rows[:, :1])[:, 0]
         self._tracks = [FollowedTrack(track, fit, gains) for track, gains in zip(fit.tracks, fit.gains, strict=True)]
-        self._recordings = [*dict.fromkeys(track.stretch.recording for track in fit.tracks)]
+        self._recordings = fit.recordings
         self._choices = [one for mechanism in wanted for one in self._tried(mechanism)]
         self._constants: dict[str, list[dict[str, float]]] = {}
         for one in self._choices:

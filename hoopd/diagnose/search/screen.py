@@ -131,7 +131,7 @@ class Screen:
 
     def __init__(self, fit: HypothesisFit, effects: Sequence[Effect]) -> None:
         self.fit = fit
-        self.recordings = tuple(dict.fromkeys(track.stretch.recording for track in fit.tracks))
+        self.recordings = fit.recordings
         rows = fit.stacked()
         if not np.isfinite(rows).all():
             # a hypothesis without numbers (there is no such plant) leaves nothing that an effect could explain

@@ -13,7 +13,7 @@ Rules of this file: declarations only; nothing here knows a plant or a search.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, isclose, pi
 from types import SimpleNamespace
@@ -227,6 +227,11 @@ class Effect:
             if one.name == name:
                 return one
         raise KeyError(f"{self.name} has no parameter {name!r}")
+
+
+def ranges_of(effects: Iterable[Effect]) -> dict[str, tuple[float, float]]:
+    """Least and largest value of each parameter, by a whole model's names; phases go round."""
+    return {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
 
 
 NO_LIMIT = inf

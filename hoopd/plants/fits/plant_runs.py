@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.files.reading import InputError
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.fits.free_parameters import Scale, scale_within
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.plants.free_run import FreeRun
@@ -58,8 +58,7 @@ class PlantSystem:
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Of every parameter that has some."""
-        effects = {e.key(p.name): (p.low, p.high) for e in self.effects for p in e.parameters if p.role != "phase"}
-        return {**self.plant.bounds, **effects}
+        return {**self.plant.bounds, **ranges_of(self.effects)}
 
     def model(self, moving: str, free: Sequence[str]) -> PlantReadings:
         """What simulates its readings; all of it moves."""

@@ -67,6 +67,11 @@ class HypothesisFit:
         """Of its effects."""
         return tuple(effect.name for effect in self.effects)
 
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Names, in the order of the tracks."""
+        return tuple(dict.fromkeys(track.stretch.recording for track in self.tracks))
+
     def stacked(self) -> Array:
         """All rows."""
         return np.concatenate(self.rows)
@@ -337,7 +342,7 @@ def _move_references(found: HypothesisFit, delta: Array) -> None:
 def tuned_noise(found: HypothesisFit, *, near: bool = False) -> None:
     """Noise levels of highest profile likelihood, recording by recording; `near`: they are almost those already."""
     first = first_noise(found.tracks, found.values)
-    for recording in dict.fromkeys(track.stretch.recording for track in found.tracks):
+    for recording in found.recordings:
         parts = [
             one for one, track in zip(found.columns, found.tracks, strict=True) if track.stretch.recording == recording
         ]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.likelihood.recording_parameters import plain
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.scales import LEAST_SIZE, parameter_size
@@ -25,7 +25,7 @@ PRIOR_SIZE = 3.0
 def ranges(effects: Sequence[Effect], tracks: Sequence[Track]) -> dict[str, tuple[float, float]]:
     """Least and largest value by name; phases go round."""
     base = {name: bound for track in tracks for name, bound in track.stretch.plant.bounds.items()}
-    return base | {e.key(p.name): (p.low, p.high) for e in effects for p in e.parameters if p.role != "phase"}
+    return base | ranges_of(effects)
 
 
 def prior(
