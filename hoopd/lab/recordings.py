@@ -59,8 +59,9 @@ def load(
         readings; of another plant by channel.
     plant : Plant or str, optional
         A declaration, a registered name or a plant file; the hoop unless given.
-    hold : {"zero", "linear", "smooth"}
-        How the inputs went on from row to row: held, straight, or on a smooth curve, as what was averaged does.
+    hold : {"zero", "linear", "smooth", "mean"}
+        How the inputs went on from row to row: held, straight, on a smooth curve, as what was filtered does, or on one
+        of which every row, of inputs and readings, is a mean over the time about it.
 
     Returns
     -------

@@ -43,7 +43,8 @@ def load(
     ("u,theta,dtheta,current"; "-" leaves one out), or by name and with units: "theta=Angle:deg,u=Torque", also as a
     mapping {"theta": ("Angle", "deg")}; a number is a value that does not change ("u=0"). experiment: group of an .h5
     file; also as "file.h5:Exp2". layout: inputs and channels of another plant (`hoopd.plants.layout.layout_of`).
-    hold: "zero"; "linear" where the input went straight from row to row; "smooth" where it was averaged or filtered.
+    hold: "zero"; "linear" where the input went straight from row to row; "smooth" where it was filtered; "mean"
+        where each row, of inputs and readings, is a mean over the time about it.
     """
     if layout is not None and layout.is_tick and not isinstance(columns, Mapping) and "=" not in (columns or ""):
         layout = None

@@ -5,11 +5,16 @@ the curve. A drive's demand is held. What was averaged or filtered before it was
 straight line through rows that are far apart lacks the part of it that changes fast, and a body driven by the line
 seems lighter than it is.
 
+What was averaged has its rows as means: the curve's integral, which is what moves a body, is then exact from mean to
+mean, and no force is lost at its corners. Readings that were averaged with it are no instants either: a mean over h
+seconds is x + h^2 x''/24, and x'' is what their own differences say.
+
 Between its rows a smooth input is known only as far as the rows are near to each other. What a curve through rows h
 seconds apart misses swings at half their rate, w = pi/h, and about it: what is slower shows. Of a swing at this rate
 the rows show one phase, which alternates from row to row with the amplitude a = |u-1 - 2 u + u+1|/4, and not the other,
 which is as large. So the root mean square of what is missed is s = a/sqrt(2), and not more, for a slow bend of the
-curve is counted as well; its integral swings by s/w, and the integral of that by s/w^2.
+curve is counted as well; its integral swings by s/w and has no mean. The integral of that does: a swing a sin(2 pi t/h)
+from row to row displaces what it moves by a h^2/(2 pi), and there it stays.
 
 Rules of this file: numbers only; scipy is not imported before there is a smooth input.
 """
@@ -17,7 +22,6 @@ Rules of this file: numbers only; scipy is not imported before there is a smooth
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +32,8 @@ Array = NDArray[np.float64]
 STAIRS, MOST_LEFT = (1, 2, 4, 8), 0.05
 # Nodes nearer than this are one: a tick's clock is read to a microsecond.
 SAME_S = 1e-6
+# Means farther apart, in usual steps, say nothing of each other's bend.
+MOST_APART = 1.5
 
 
 class InputCurve:
@@ -36,7 +42,8 @@ class InputCurve:
     def __init__(self, switch: Array, u: Array, hold: str) -> None:
         """`switch` (n,) s: when each of the values `u` (n,) is there; `hold` as of a signal."""
         self._switch, self._u, self._hold = switch, u, hold
-        self._curve = _smooth(switch, u) if hold == "smooth" and len(u) > 2 else partial(np.interp, xp=switch, fp=u)
+        integrals = {"smooth": _smooth, "mean": _averaged}
+        self._sum = integrals.get(hold, _straight)(switch, u) if len(u) > 2 else _straight(switch, u)
 
     @property
     def corners(self) -> Array:
@@ -58,24 +65,25 @@ class InputCurve:
             return np.asarray(
                 self._u[np.clip(np.searchsorted(self._switch, t[:-1] + SAME_S, side="right") - 1, 0, None)]
             )
-        # two points of Gauss: exact for a cubic
-        middle, half = (t[:-1] + t[1:]) / 2.0, np.diff(t) / np.sqrt(12.0)
-        return np.asarray((self._curve(middle - half) + self._curve(middle + half)) / 2.0)
+        return np.diff(self._sum(t)) / np.diff(t)
 
     def unresolved(self, t: Array) -> Array:
-        """(n-1, 2) between nodes t (n,): how far the integral of what the rows leave open swings, and the integral of
-        that, in the input's unit times s and s^2.
+        """(n-1, 2) between nodes t (n,): how far the integral of what the rows leave open swings, and how far the
+        integral of that is off for good afterwards, in the input's unit times s and s^2.
 
         Of what is held, or goes straight as a generator makes it, nothing is left open.
         """
-        if self._hold != "smooth" or len(self._u) < 3:
+        if self._hold not in ("smooth", "mean") or len(self._u) < 3:
             return np.zeros((len(t) - 1, 2))
         h = np.diff(self._switch)
         squares = np.pad((np.diff(self._u, 2) / 4.0) ** 2 / 2.0, 1, mode="edge")
         s = np.sqrt((squares[:-1] + squares[1:]) / 2.0)
         interval = np.searchsorted(self._switch, t[:-1] + SAME_S, side="right") - 1
-        # 1/w = h / pi
-        return np.asarray(np.column_stack([s * h / np.pi, s * (h / np.pi) ** 2])[np.clip(interval, 0, len(h) - 1)])
+        interval = np.clip(interval, 0, len(h) - 1)
+        # 1/w = h/pi; a = s sqrt(2), and each part of an interval has its part of the variance
+        share = np.sqrt(np.diff(t) / h[interval])
+        found = np.column_stack([s * h / np.pi, s * h**2 / (np.sqrt(2.0) * np.pi)])[interval]
+        return np.asarray(found * np.column_stack([np.ones(len(share)), share]))
 
     def _divided(self, count: int) -> Array:
         rows = np.arange(len(self._switch))
@@ -83,8 +91,55 @@ class InputCurve:
 
 
 def _smooth(switch: Array, u: Array) -> Callable[[Array], Array]:
-    """A cubic spline through all rows; before the first and after the last their values."""
+    """The integral of a cubic spline through all rows; before the first and after the last their values."""
     from scipy.interpolate import CubicSpline
 
-    spline = CubicSpline(switch, u)
-    return lambda t: np.asarray(spline(np.clip(t, switch[0], switch[-1])))
+    return _going_on(CubicSpline(switch, u).antiderivative(), switch, u)
+
+
+def _averaged(switch: Array, u: Array) -> Callable[[Array], Array]:
+    """The integral of a curve that has each row as its mean from the middle to the row before to that to the row after:
+    a cubic spline through the sums of the rows."""
+    from scipy.interpolate import CubicSpline
+
+    ends = np.concatenate([[1.5 * switch[0] - 0.5 * switch[1]], (switch[:-1] + switch[1:]) / 2.0,
+                           [1.5 * switch[-1] - 0.5 * switch[-2]]])  # fmt: skip
+    return _going_on(CubicSpline(ends, np.concatenate([[0.0], np.cumsum(u * np.diff(ends))])), switch, u)
+
+
+def _going_on(inner: Callable[[Array], Array], switch: Array, u: Array) -> Callable[[Array], Array]:
+    """An integral that goes on before the first row and after the last with their values."""
+
+    def integral(t: Array) -> Array:
+        inside = np.clip(t, switch[0], switch[-1])
+        beyond = np.where(t < switch[0], u[0], u[-1])
+        return np.asarray(inner(inside) + beyond * (t - inside))
+
+    return integral
+
+
+def _straight(switch: Array, u: Array) -> Callable[[Array], Array]:
+    """The integral of straight lines from row to row; before the first and after the last their values."""
+    sums = np.concatenate([[0.0], np.cumsum((u[:-1] + u[1:]) / 2.0 * np.diff(switch))])
+
+    def integral(t: Array) -> Array:
+        row = np.clip(np.searchsorted(switch, t, side="right") - 1, 0, len(switch) - 1)
+        return np.asarray(sums[row] + (u[row] + np.interp(t, switch, u)) / 2.0 * (t - switch[row]))
+
+    return integral
+
+
+def instants_of(t: Array, means: Array) -> Array:
+    """(n,) values at times t (n,) of what is known by means, each about its own time and as long as its step.
+
+    Where fewer than three are near each other their bend is not known, and they stay as they are.
+    """
+    if len(t) < 3:
+        return means
+    before, after = np.diff(t)[:-1], np.diff(t)[1:]
+    slopes = np.diff(means) / np.diff(t)
+    bend, near = 2.0 * np.diff(slopes) / (before + after), np.maximum(before, after) <= MOST_APART * np.median(before)
+    # at the ends the bend of the next one
+    bend = np.pad(np.where(near, bend, 0.0), 1, mode="edge")
+    length = np.pad((before + after) / 2.0, 1, mode="edge")
+    return np.asarray(means - length**2 / 24.0 * bend)

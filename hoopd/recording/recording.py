@@ -23,7 +23,7 @@ __all__ = ["HOLDS", "UNITS", "Column", "Recording", "Signal", "from_columns", "f
 Column = NDArray[np.float64]
 
 # How an input goes on between its rows: at its value, straight to the next one, or on a smooth curve through them.
-HOLDS = ("zero", "linear", "smooth")
+HOLDS = ("zero", "linear", "smooth", "mean")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Signal:
     unit : str
         As a person writes it, empty for a plain number.
     hold : str
-        Of an input: "zero", "linear" or "smooth", how it goes on to the next row.
+        Of an input: "zero", "linear", "smooth" or "mean", how it goes on to the next row.
     """
 
     values: Column

@@ -13,6 +13,7 @@ from diagnose.madeup import NOISE, shipped_plant, stretch_with
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried
 from hoopd.diagnose.search.screen import Member, Score
 from hoopd.files.shipped import or_shipped
+from hoopd.plants.effects.base import Effect, EffectParameter
 from hoopd.plants.effects.library import library
 from hoopd.plants.hoop.declaration import hoop_plant
 from hoopd.plants.likelihood import fitting
@@ -227,3 +228,15 @@ def test_a_start_without_finite_numbers_is_the_least_likely_of_all(base: Hypothe
     stretches = [track.stretch for track in base.tracks]
     found = fit(stretches, (), {**base.values, next(iter(base.free)): np.inf}, noise=base.noise)
     assert found.criterion == np.inf
+
+
+def test_what_moves_readings_beyond_all_numbers_is_the_least_likely_of_all(base: HypothesisFit) -> None:
+    """Its change is a number, and the sum of its squares is none."""
+    wild = Effect(
+        "hoop.wild",
+        (EffectParameter("A", "N m", 0.0, -1.0, 1.0),),
+        force=lambda s, e: {"theta": e.A * 1e170 * (1.0 + s.psi**2)},
+    )
+    stretches = [track.stretch for track in base.tracks]
+    found = fit(stretches, (wild,), base.values, like=base, noise=base.noise)
+    assert found.criterion == np.inf and found.values["hoop.wild.A"] == 0.0

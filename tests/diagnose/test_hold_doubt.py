@@ -58,14 +58,19 @@ def test_means_are_told_from_what_is_held() -> None:
     assert none == []
     assert smooth.values["M"] == pytest.approx(M, rel=0.02)
     assert abs(held.values["M"] / M - 1.0) > 0.05
+    none, mean = judged(rows(True, "mean"))
+    assert none == []
+    assert mean.values["M"] == pytest.approx(M, rel=0.005)
 
 
 def test_readings_are_trusted_as_far_as_the_force_is_known_between_its_rows() -> None:
     (stretch,) = source_of("made", rows(True, "smooth"), AXIS).stretches
     model = Track(stretch).columns({**AXIS.values, "M": M}, ()).model
-    assert model.unresolved is not None
-    # M x'' = F: where the force swings unseen, the place swings by the integral of its integral, over M
-    assert model.unresolved[:-1, 0] == pytest.approx(stretch.unresolved[:, 0, 1] / M, rel=0.02)
+    assert model.unresolved is not None and model.jumps is not None
+    # M x'' = F: where the force swings unseen, the place is moved on by the integral of its integral, over M, and stays
+    assert model.jumps[:, 0] == pytest.approx(stretch.unresolved[:, 0, 1] / M, rel=0.02)
+    assert not model.jumps[:, 1].any()
+    assert model.unresolved[:-1, 0] == pytest.approx(model.jumps[:, 0] / (2.0 * np.pi), rel=1e-6)
     late = stretch.seconds(10.0, 20.0)
     assert np.array_equal(late.unresolved, stretch.unresolved[np.searchsorted(stretch.t, late.t[:-1])])
     (held,) = source_of("made", rows(True, "zero"), AXIS).stretches

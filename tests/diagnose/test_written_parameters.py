@@ -136,8 +136,10 @@ def test_what_matters_only_in_a_sum_stays_where_the_others_make_up_for_it(found:
         return ParameterSet("held", {}, runs if good else worse, 90.0 + len(asked) / 100.0, held)
 
     best = ParameterSet("best", {}, runs, 90.0, held)
-    _, stay = least_moved(best, ["bad", "alone", "sum"])
+    told: list[str] = []
+    _, stay = least_moved(best, ["bad", "alone", "sum"], told.append)
     assert stay == ["alone", "sum"]
+    assert told[0] == "whether bad moves" and told[-1] == "whether sum moves, the others fitted beside it"
     assert (("alone", "sum"), True) in asked and (("sum",), False) in asked
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoopd.recording.input_curve import MOST_LEFT, STAIRS, InputCurve
+from hoopd.recording.input_curve import MOST_LEFT, STAIRS, InputCurve, instants_of
 
 ROWS = 0.04 * np.arange(400)
 
@@ -86,7 +86,36 @@ def test_of_what_is_held_or_made_straight_all_is_known() -> None:
     assert not InputCurve(ROWS[:2], np.array([1.0, 2.0]), "smooth").unresolved(ROWS[:2]).any()
 
 
-@pytest.mark.parametrize("hold", ["linear", "smooth"])
+def test_what_was_averaged_has_its_rows_as_means() -> None:
+    """No impulse is lost where a force changes fast; a curve through the means loses some."""
+    u = np.where((ROWS > 4.0) & (ROWS < 4.5), 10.0, 1.0) + force(ROWS, 3.0)
+    ends = (ROWS[1:] + ROWS[:-1]) / 2.0
+    assert InputCurve(ROWS, u, "mean").between(ends) == pytest.approx(u[1:-1], abs=1e-9)
+    assert np.abs(InputCurve(ROWS, u, "smooth").between(ends) - u[1:-1]).max() > 0.2
+    both = (InputCurve(ROWS, u, hold).unresolved(ROWS) for hold in ("smooth", "mean"))
+    assert np.array_equal(*both)
+    # a part of an interval has its part of the variance
+    fine = np.linspace(0.0, ROWS[-1], 399 * 4 + 1)
+    whole, parts = (InputCurve(ROWS, u, "mean").unresolved(t)[:, 1] for t in (ROWS, fine))
+    assert (parts.reshape(-1, 4) ** 2).sum(axis=1) == pytest.approx(whole**2)
+
+
+def test_means_are_led_back_to_instants_by_their_own_bend() -> None:
+    t, means = np.sort(ROWS + 0.002 * np.sin(ROWS)), []
+    for k, when in enumerate(t):
+        half = (t[min(k + 1, len(t) - 1)] - t[max(k - 1, 0)]) / (4.0 if 0 < k < len(t) - 1 else 2.0)
+        means.append(np.mean(force(when + np.linspace(-half, half, 401), 1.0)))
+    inner, off = slice(2, -2), np.array(means) - force(t, 1.0)
+    found = instants_of(t, np.array(means)) - force(t, 1.0)
+    assert np.abs(found[inner]).max() < 0.1 * np.abs(off[inner]).max()
+    # over a gap nothing is known of the bend
+    apart = np.concatenate([t[:20], t[20:40] + 5.0])
+    around = instants_of(apart, np.array(means)[:40])
+    assert around[19] == means[19] and around[20] == means[20] and around[10] != means[10]
+    assert np.array_equal(instants_of(t[:2], np.array(means[:2])), means[:2])
+
+
+@pytest.mark.parametrize("hold", ["linear", "smooth", "mean"])
 def test_means_keep_the_impulse_and_the_ends_their_values(hold: str) -> None:
     curve = InputCurve(ROWS, force(ROWS, 1.0), hold)
     fine, coarse = np.linspace(0.0, ROWS[-1], 399 * 64 + 1), np.sort(np.append(ROWS, curve.corners))

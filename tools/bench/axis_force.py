@@ -1,6 +1,6 @@
 """The force that is left unexplained on a real axis, by the models that the ordinary commands write from its CSV file.
 
-python tools/bench/axis_force.py --out FOLDER [--only 1000,100,25] [--hold smooth] [--tree CHECKOUT] [--json FILE]
+python tools/bench/axis_force.py --out FOLDER [--only 1000,100,25] [--hold mean] [--tree CHECKOUT] [--json FILE]
 
 For each sample rate: `hoopd diagnose --plant axis`; below 1 kHz on means over the samples. Every model that is written
 is asked for the force of the recording at 1 kHz (realdata/axisforce.py says how the residual is computed). Beside them:
@@ -145,7 +145,9 @@ def _options() -> argparse.Namespace:
         default=list(RATES_HZ),
         help="sample rates in Hz",
     )
-    parser.add_argument("--hold", default="smooth", help="how means of the force are joined: smooth, linear or zero")
+    parser.add_argument(
+        "--hold", default="mean", help="what is told of means: mean, smooth, linear, zero"
+    )
     parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     return parser.parse_args()
 

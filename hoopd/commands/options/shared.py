@@ -63,7 +63,8 @@ def hold_option() -> Any:
     """How inputs go on between their rows."""
     return option(
         "--hold",
-        text="Inputs between two rows: zero (held), linear (straight), or smooth (they were averaged or filtered).",
+        text="Inputs between two rows: zero (held), linear (straight), smooth (they were filtered), or mean (every row,"
+        " of inputs and readings, is a mean over the time about it).",
         metavar="HOLD",
         default="zero",
         python=False,

@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 
 from hoopd.files.reading import InputError
+from hoopd.recording.recording import HOLDS
 
 RECORDINGS = 20  # of one job
 RESULT, FIGURE, MODEL, REPORT, CONTROLLER = "result.json", "figure.svg", "model.yaml", "report.html", "controller.yaml"
@@ -66,7 +67,7 @@ ACTING_MODEL = "models/hoop.yaml"  # of the shipped controllers
 PLANT = (
     FormField(option="--plant", label="Plant, if not the hoop", kind="plant"),
     FormField(option="--columns", label="Columns, if not the usual ones", kind="columns"),
-    FormField(option="--hold", label="Inputs between rows", choices=("zero", "linear", "smooth")),
+    FormField(option="--hold", label="Inputs between rows", choices=HOLDS),
 )
 START = FormField(option="--model", label="Model to start from", kind="model")
 LAWS = ("lqg", "lqr", "placement", "pid", "pi", "identified")

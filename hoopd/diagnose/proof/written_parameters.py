@@ -99,7 +99,7 @@ def written_parameters(
         progress(f"parameters of the model: {one.kind} {one.percent:.1f} %")
         each.append(one)
     best = chosen(each)
-    least, stay = least_moved(best, _unsure(found, best.values, users, base, wrong))
+    least, stay = least_moved(best, _unsure(found, best.values, users, base, wrong), progress)
     return Written(_with(found, least.values, wrong), _note(best, each) + _staying(stay, least))
 
 
@@ -124,14 +124,19 @@ def _unsure(
     ]
 
 
-def least_moved(best: ParameterSet, base: Sequence[str]) -> tuple[ParameterSet, list[str]]:
+def least_moved(
+    best: ParameterSet, base: Sequence[str], progress: Progress = lambda text: None
+) -> tuple[ParameterSet, list[str]]:
     """The same with every parameter at the user's value that no channel of the blocks is surely worse with, and which.
 
     Each is asked beside those that stay already, always against the best.
     """
     now, stay = best, list[str]()
     for fitted in (False, True):
-        asked = {name: best.held([*stay, name], fitted) for name in base if name not in stay}
+        asked = {}
+        for name in (one for one in base if one not in stay):
+            progress(f"whether {name} moves" + (", the others fitted beside it" if fitted else ""))
+            asked[name] = best.held([*stay, name], fitted)
         before = [*stay]
         for name in sorted((one for one in asked if _as_good(asked[one], best)), key=lambda one: -asked[one].percent):
             tried = asked[name] if stay == before else best.held([*stay, name], fitted)

@@ -22,7 +22,7 @@ from hoopd.diagnose.quality.unusual_intervals import Interval
 from hoopd.files.reading import InputError
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.stretches import Stretch
-from hoopd.recording.recording import HOLDS, Recording
+from hoopd.recording.recording import Recording
 
 
 def hold_doubts(
@@ -30,10 +30,10 @@ def hold_doubts(
 ) -> list[str]:
     """One sentence where another hold is likelier by more than `threshold` nats; none where the device's is known."""
     told = {signal.hold for source in sources for signal in source.recording.inputs.values()}
-    if len(told) != 1 or any(source.recording.is_tick for source in sources):
+    if len(told) != 1 or told == {"mean"} or any(source.recording.is_tick for source in sources):
         return []
     criterion = _criterion_as_told(base)
-    gains = {hold: criterion - _criterion(sources, ignored, base, hold) for hold in HOLDS if hold not in told}
+    gains = {hold: criterion - _criterion(sources, ignored, base, hold) for hold in _MEANS if hold not in told}
     best = max(gains, key=lambda hold: gains[hold])
     if gains[best] < threshold:
         return []
@@ -46,7 +46,7 @@ def hold_doubts(
 _MEANS: Mapping[str, str] = {
     "zero": "held from row to row",
     "linear": "going straight from row to row",
-    "smooth": "averaged or filtered before it was written down",
+    "smooth": "filtered, or averaged (--hold mean, where readings were, too), before it was written down",
 }
 
 

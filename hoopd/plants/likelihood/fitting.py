@@ -37,6 +37,8 @@ FALLEN, MOST_TURNS = 0.5, 4
 # A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
 # so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
 WORSE_NATS, MOST_HALVINGS = 100.0, 6
+# A number whose square, and a sum of such, is none.
+LARGEST = 1e100
 # A search that has led away is made again, and ends where it was likeliest but for so many nats; so does every one
 # that begins with its trajectory, so that the two are compared as they were made.
 LED_AWAY_NATS = 0.5
@@ -266,7 +268,7 @@ def _value(found: HypothesisFit) -> float:
 
 
 def _is_finite(arrays: Sequence[Array]) -> bool:
-    return all(bool(np.isfinite(one).all()) for one in arrays)
+    return all(bool((np.abs(one) < LARGEST).all()) for one in arrays)
 
 
 def _settle(found: HypothesisFit) -> None:

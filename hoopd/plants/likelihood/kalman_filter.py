@@ -9,8 +9,8 @@ where f_k is what the one-step map misses of the reference and eps_k what the re
 one-step map or the readings (a parameter, an effect) is one more column of (f, eps); the gains are the same for all of
 them, and the whitened innovations of all columns are an ordinary least-squares problem: generalised least squares
 (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 3.4; de Jong, Diffuse Kalman filter, 1991).
-Where an input is not known between its rows (`recording.input_curve`), what swings there unseen comes and goes from row
-to row, and adds to the variance of the readings.
+Where an input is not known between its rows (`recording.input_curve`), what swings there unseen has no mean: rates come
+and go from row to row, which adds to the variance of their readings, and places are displaced for good, by a jump.
 
 Rules of this file: numbers in, numbers out; noise levels are given.
 """
@@ -65,8 +65,10 @@ class LinearReference(NamedTuple):
     lagged: tuple[Lagged, ...] = ()  # the other nz
     sizes: tuple[float, ...] = ()  # usual sizes of the nx (`plants.scales`); not given: 1
     first_order: tuple[int, ...] = ()  # which of the nx are declared states of first order
-    # (n, nc) deviation of each reading by what is not known of the inputs between their rows; None: all is known
+    # deviations by what is not known of the inputs between their rows, of each reading (n, nc), and of the states, by
+    # which each step displaces them for good (n-1, nz); None, both: all is known
     unresolved: Array | None = None
+    jumps: Array | None = None
 
     @property
     def size(self) -> int:
@@ -137,6 +139,8 @@ class Noise(NamedTuple):
         (steps, nz, _), size = model.a.shape, model.size
         found = np.zeros((steps, size, size))
         found[:, range(nz), range(nz)] = rate_floor(nz, model.nx, model.sizes, model.first_order)
+        if model.jumps is not None:
+            found[:, range(nz), range(nz)] += model.jumps**2
         found[:, range(nz, size), range(nz, size)] = disturbance(model.h[:, None], self.force, self.time_s)[1]
         return found
 

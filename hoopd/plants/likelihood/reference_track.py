@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import pi
 
 import casadi as ca
 import numpy as np
@@ -35,6 +36,9 @@ Array = NDArray[np.float64]
 
 # Passes of the smoother until the reference stays: the second changes it by far less than the noise.
 SMOOTHING_PASSES = 2
+# What displaces a place for good by a swing's one phase displaces it meanwhile, as a mean, by its other: a h^2/(4 pi^2)
+# beside a h^2/(2 pi).
+ON_ITS_WAY = 1.0 / (2.0 * pi)
 
 
 @dataclass(frozen=True)
@@ -251,7 +255,7 @@ class Track:
             self._behind(values),
             tuple(state_scales(c.plant).tolist()),
             tuple(c.plant.states.index(name) for name in self.stretch.plant.first_order),
-            self._unresolved(by_u, of_z),
+            *self._unresolved(by_u, of_z),
         )
         return Columns(model, f, eps)
 
@@ -260,17 +264,20 @@ class Track:
         """Whether all inputs are known between their rows."""
         return not self.stretch.unresolved.any()
 
-    def _unresolved(self, by_u: Array, of_z: Array) -> Array | None:
-        """(n, nc) deviation of the readings by what is not known of the inputs, told what an input does to a step."""
+    def _unresolved(self, by_u: Array, of_z: Array) -> tuple[Array | None, Array | None]:
+        """Deviations by what is not known of the inputs, told what an input does to a step: (n, nc) of the readings,
+        and (n-1, nz) of the states, which stay displaced."""
         if self._is_resolved:
-            return None
-        # of an input u that swings unseen, a rate swings as its integral, and a place as the integral of that
+            return None, None
+        # of an input u that swings unseen a rate swings as its integral, and is back when its time is over; a place is
+        # then where the integral of that has brought it, and was aside by a part of that on its way
         once, twice = np.moveaxis(self.stretch.unresolved, 2, 0)[:, :, None, :]
-        answer = by_u / self.stretch.h[:, None, None]
-        moved, places = answer * once, range(0, 2 * self.composite.nq, 2)
-        moved[:, places] = (answer * twice)[:, [place + 1 for place in places]]
+        answer, places = by_u / self.stretch.h[:, None, None], range(0, 2 * self.composite.nq, 2)
+        moved, jumps = answer * once, np.zeros(answer.shape)
+        jumps[:, places] = (answer * twice)[:, [place + 1 for place in places]]
+        moved[:, places] = ON_ITS_WAY * jumps[:, places]
         seen = of_z @ np.concatenate([moved, moved[-1:]])
-        return np.asarray(np.sqrt(np.sum(seen**2, axis=2)))
+        return tuple(np.asarray(np.sqrt(np.sum(one**2, axis=2))) for one in (seen, jumps))
 
     def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
         """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.

@@ -162,6 +162,9 @@ def with_dry_friction(motion: Motion) -> tuple[Array, Array]:
 
 
 def averaged(motion: Motion, count: int) -> Motion:
-    """Means over so many samples."""
-    rows = len(motion.t) // count
-    return Motion(*(np.asarray(one[: rows * count]).reshape(rows, count).mean(axis=1) for one in motion))
+    """Means over so many samples: each of the time over which its forces were held, the place as it went straight from
+    sample to sample."""
+    rows = (len(motion.t) - 1) // count
+    middles = ((np.asarray(one[:-1]) + np.asarray(one[1:])) / 2.0 for one in (motion.t, motion.x))
+    t, x = (one[: rows * count].reshape(rows, count).mean(axis=1) for one in middles)
+    return Motion(t, np.asarray(motion.force[: rows * count]).reshape(rows, count).mean(axis=1), x)
