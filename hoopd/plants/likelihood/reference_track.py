@@ -277,7 +277,7 @@ class Track:
         jumps[:, places] = (answer * twice)[:, [place + 1 for place in places]]
         moved[:, places] = ON_ITS_WAY * jumps[:, places]
         seen = of_z @ np.concatenate([moved, moved[-1:]])
-        return tuple(np.asarray(np.sqrt(np.sum(one**2, axis=2))) for one in (seen, jumps))
+        return np.sqrt(np.sum(seen**2, axis=2)), np.sqrt(np.sum(jumps**2, axis=2))
 
     def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
         """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.
