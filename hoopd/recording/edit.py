@@ -106,7 +106,8 @@ def resampled(recording: Recording, step_s: float) -> Recording:
     Inputs that are held: mean over the new step of what acted (`timeline.switch_times`), missing when a part of it is.
     Channels and inputs that go straight: read at the new t from their own times, straight between samples, missing in
     gaps of more than three samples; when the step grows, low-passed first (zero phase, within 0.1 % up to 0.8 of the
-    new Nyquist frequency). Angles are unwrapped before. `extra` is dropped. All new times are t.
+    new Nyquist frequency): of what were means, inputs are smooth then. Angles are unwrapped before. `extra` is dropped.
+    All new times are t.
     """
     t = _grid(recording, step_s)
     channels = {
@@ -114,7 +115,9 @@ def resampled(recording: Recording, step_s: float) -> Recording:
         for name, signal in unwrapped(recording).channels.items()
     }
     inputs = {
-        name: dataclasses.replace(signal, values=_resampled_input(recording, name, t, step_s), t=t)
+        name: dataclasses.replace(
+            signal, values=_resampled_input(recording, name, t, step_s), t=t, hold=_held_after(signal)
+        )
         for name, signal in recording.inputs.items()
     }
     return recording.replaced(t=t, inputs=inputs, channels=channels, extra={})
@@ -124,6 +127,11 @@ def _resampled_input(recording: Recording, name: str, t: Column, step_s: float) 
     signal, times = recording.inputs[name], np.maximum.accumulate(switch_times(recording, name))
     resample = held_mean if signal.hold == "zero" else sampled
     return resample(times, signal.values, t, step_s)
+
+
+def _held_after(signal: Signal) -> str:
+    """What was a mean is filtered by then."""
+    return "smooth" if signal.hold == "mean" else signal.hold
 
 
 def without(recording: Recording, *signals: str) -> Recording:

@@ -96,6 +96,7 @@ def test_resampled_means_what_is_held_and_reads_what_is_sampled() -> None:
     straight = resampled(axis(201, "linear"), 0.0005)
     assert straight.inputs["F"].hold == "linear"
     assert straight.F[1:-1:2] == pytest.approx((run.F[:-1] + run.F[1:]) / 2)
+    assert resampled(axis(201, "mean"), 0.01).inputs["F"].hold == "smooth"
 
 
 def test_angles_come_round_by_their_unit() -> None:
@@ -120,6 +121,16 @@ def test_timelines_of_an_input_that_is_held_or_goes_straight() -> None:
     assert held.u[::2] == pytest.approx(run.F[:-1]) and held.u[1::2] == pytest.approx(run.F[:-1])
     ends = np.interp(line.t, run.t, run.F)
     assert line.u == pytest.approx((ends[:-1] + ends[1:]) / 2)
+
+
+def test_a_timeline_of_means_has_readings_at_instants() -> None:
+    run = axis(11)
+    (plain,), (mean,) = timelines(axis(11, "smooth")), timelines(axis(11, "mean"))
+    # of what is bent evenly a mean over h seconds is h^2 x''/24 more
+    bend, h = np.diff(run.x, 2).mean() / np.diff(run.x_t).mean() ** 2, float(np.diff(run.x_t).mean())
+    assert bend == pytest.approx(2.0, rel=1e-3)
+    off = mean.channels["x"].values - plain.channels["x"].values
+    assert off == pytest.approx(np.full(len(off), -(h**2) / 24.0 * bend), rel=1e-6)
 
 
 def test_timelines_of_several_inputs_and_of_none() -> None:

@@ -145,9 +145,7 @@ def _options() -> argparse.Namespace:
         default=list(RATES_HZ),
         help="sample rates in Hz",
     )
-    parser.add_argument(
-        "--hold", default="mean", help="what is told of means: mean, smooth, linear, zero"
-    )
+    parser.add_argument("--hold", default="mean", help="what is told of means: mean, smooth, linear, zero")
     parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     return parser.parse_args()
 
