@@ -5,7 +5,6 @@ Rules of this file: pure; which column is what is `column_choice`'s; every refus
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from hoopd.files.reading import InputError
 from hoopd.recording.column_choice import ANY_UNIT, Pick, SignalLayout, choose, is_time, time_column
-from hoopd.recording.recording import HOLDS, Recording, Signal, from_columns, from_signals
+from hoopd.recording.recording import HOLDS, Recording, Signal, from_columns, from_signals, with_hold
 from hoopd.recording.tables import MAX_ROWS, Columns, Place, by_row, checked, numbers, row, vector
 
 Array = NDArray[np.float64]
@@ -88,7 +87,7 @@ def renamed(recording: Recording, columns: Columns | None, layout: SignalLayout,
         if pick.column in recording.channels and f"{name}_t" in layout.units and f"{name}_t" not in picks:
             picks[f"{name}_t"] = Pick(_times_of(recording, str(pick.column)))
     there |= {_times_of(recording, name): signal.t for name, signal in recording.channels.items()}
-    holds = {signal.hold for signal in recording.inputs.values()}
+    holds = {signal.hold for signal in (recording.inputs or recording.channels).values()}
     hold = holds.pop() if len(holds) == 1 else HOLDS[0]
     return built(picks, there, layout, hold, path, config=recording.config, lost=recording.lost)
 
@@ -101,8 +100,7 @@ def _times_of(recording: Recording, name: str) -> str:
 def _recording(columns: dict[str, Array], layout: SignalLayout, hold: str, **about: Any) -> Recording:
     if layout.is_tick:
         recording = from_columns(columns, **about)
-        inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}
-        return recording.replaced(inputs=inputs)
+        return with_hold(recording, hold)
     t = columns["t"]
 
     def signal(name: str, unit: str) -> Signal:
@@ -111,8 +109,8 @@ def _recording(columns: dict[str, Array], layout: SignalLayout, hold: str, **abo
         return Signal(missing if values is None else values, columns.get(f"{name}_t", t), unit, hold)
 
     inputs = {name: signal(name, unit) for name, unit in layout.inputs.items()}
-    channels = {name: dataclasses.replace(signal(name, unit), hold=HOLDS[0]) for name, unit in layout.channels.items()}
-    return from_signals(t, inputs, channels, **about)
+    channels = {name: signal(name, unit) for name, unit in layout.channels.items()}
+    return with_hold(from_signals(t, inputs, channels, **about), hold)
 
 
 def _time(picks: Mapping[str, Pick], arrays: Mapping[str, Array], path: Path) -> Array:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.recording import Column, Recording, Signal, from_signals
+from hoopd.recording.recording import HOLDS, Column, Recording, Signal, from_signals
 from hoopd.recording.resample import held_mean, sampled
 from hoopd.recording.tables import MAX_ROWS
 from hoopd.recording.timeline import TORQUE_TIMES, switch_times
@@ -111,7 +111,7 @@ def resampled(recording: Recording, step_s: float) -> Recording:
     """
     t = _grid(recording, step_s)
     channels = {
-        name: dataclasses.replace(signal, values=sampled(signal.t, signal.values, t, step_s), t=t)
+        name: dataclasses.replace(signal, values=sampled(signal.t, signal.values, t, step_s), t=t, hold=HOLDS[0])
         for name, signal in unwrapped(recording).channels.items()
     }
     inputs = {

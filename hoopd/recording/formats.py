@@ -6,7 +6,6 @@ package and needs none of them). A file is written whole or not at all.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import replace_file
-from hoopd.recording.recording import HOLDS, Recording
+from hoopd.recording.recording import HOLDS, Recording, with_hold
 from hoopd.recording.tables import Columns, checked
 
 if TYPE_CHECKING:
@@ -55,8 +54,7 @@ def load(
 def _held(recording: Recording, hold: str) -> Recording:
     if hold not in HOLDS:
         raise InputError(recording.source, "hold", f"unknown {hold!r}; known: {', '.join(HOLDS)}")
-    inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}
-    return recording.replaced(inputs=inputs)
+    return with_hold(recording, hold)
 
 
 def _loaded(

@@ -104,7 +104,7 @@ def _closed(file: h5py.File, buffer: BytesIO) -> bytes:
 def _write_signals(group: h5py.Group, recording: Recording, times: dict[str, Any]) -> None:
     group.attrs[FORM] = np.bytes_(SIGNALS)
     inputs = [(name, s.values, "input", s.unit, s.hold) for name, s in recording.inputs.items()]
-    channels = [(name, s.values, "channel", s.unit, "") for name, s in recording.channels.items()]
+    channels = [(name, s.values, "channel", s.unit, s.told_hold) for name, s in recording.channels.items()]
     others = [(name, column, "time", "s", "") for name, column in {"t": recording.t, **times}.items()]
     for k, (name, column, *texts) in enumerate([*inputs, *channels, *others]):
         group[name] = column

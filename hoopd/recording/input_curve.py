@@ -13,8 +13,8 @@ Between its rows a smooth input is known only as far as the rows are near to eac
 seconds apart misses swings at half their rate, w = pi/h, and about it: what is slower shows. Of a swing at this rate
 the rows show one phase, which alternates from row to row with the amplitude a = |u-1 - 2 u + u+1|/4, and not the other,
 which is as large. So the root mean square of what is missed is s = a/sqrt(2), and not more, for a slow bend of the
-curve is counted as well; its integral swings by s/w and has no mean. The integral of that does: a swing a sin(2 pi t/h)
-from row to row displaces what it moves by a h^2/(2 pi), and there it stays.
+curve is counted as well; its integral swings by s/w. What is as large and has no mean over a row, a sin(2 pi t/h),
+leaves a rate as it was when the row is over, and displaces a place by a h^2/(2 pi) for good.
 
 Rules of this file: numbers only; scipy is not imported before there is a smooth input.
 """
@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 STAIRS, MOST_LEFT = (1, 2, 4, 8), 0.05
 # Nodes nearer than this are one: a tick's clock is read to a microsecond.
 SAME_S = 1e-6
-# Means farther apart, in usual steps, say nothing of each other's bend.
-MOST_APART = 1.5
+# Rows farther apart, in usual steps, have others missing between them; much farther, they know nothing of each other.
+MOST_APART, UNKNOWN_APART = 1.5, 5.5
 
 
 class InputCurve:
@@ -99,12 +99,20 @@ def _smooth(switch: Array, u: Array) -> Callable[[Array], Array]:
 
 def _averaged(switch: Array, u: Array) -> Callable[[Array], Array]:
     """The integral of a curve that has each row as its mean from the middle to the row before to that to the row after:
-    a cubic spline through the sums of the rows."""
+    a cubic spline through the sums of the rows. Where rows are missing a mean is as long as usual."""
     from scipy.interpolate import CubicSpline
 
-    ends = np.concatenate([[1.5 * switch[0] - 0.5 * switch[1]], (switch[:-1] + switch[1:]) / 2.0,
-                           [1.5 * switch[-1] - 0.5 * switch[-2]]])  # fmt: skip
-    return _going_on(CubicSpline(ends, np.concatenate([[0.0], np.cumsum(u * np.diff(ends))])), switch, u)
+    step = np.diff(switch)
+    usual = float(np.median(step))
+    hole = step > MOST_APART * usual
+    half = np.where(hole, usual, step) / 2.0
+    begins = switch - np.concatenate([half[:1], half])
+    ends = switch + np.concatenate([half, half[-1:]])
+    # over a hole straight from mean to mean
+    order = np.argsort(np.concatenate([begins, ends[:-1][hole]]), kind="stable")
+    knots = np.append(np.concatenate([begins, ends[:-1][hole]])[order], ends[-1])
+    values = np.concatenate([u, (u[:-1] + u[1:])[hole] / 2.0])[order]
+    return _going_on(CubicSpline(knots, np.concatenate([[0.0], np.cumsum(values * np.diff(knots))])), switch, u)
 
 
 def _going_on(inner: Callable[[Array], Array], switch: Array, u: Array) -> Callable[[Array], Array]:
@@ -129,8 +137,9 @@ def _straight(switch: Array, u: Array) -> Callable[[Array], Array]:
     return integral
 
 
-def instants_of(t: Array, means: Array) -> Array:
-    """(n,) values at times t (n,) of what is known by means, each about its own time and as long as its step.
+def deaveraged(t: Array, means: Array) -> Array:
+    """(n,) values at times t (n,) of what is known by means, each about its own time and as long as its step, or as
+    usual where its neighbours are missing.
 
     Where fewer than three are near each other their bend is not known, and they stay as they are.
     """
@@ -138,8 +147,9 @@ def instants_of(t: Array, means: Array) -> Array:
         return means
     before, after = np.diff(t)[:-1], np.diff(t)[1:]
     slopes = np.diff(means) / np.diff(t)
-    bend, near = 2.0 * np.diff(slopes) / (before + after), np.maximum(before, after) <= MOST_APART * np.median(before)
+    usual, widest = float(np.median(np.diff(t))), np.maximum(before, after)
+    bend = np.where(widest <= UNKNOWN_APART * usual, 2.0 * np.diff(slopes) / (before + after), 0.0)
     # at the ends the bend of the next one
-    bend = np.pad(np.where(near, bend, 0.0), 1, mode="edge")
-    length = np.pad((before + after) / 2.0, 1, mode="edge")
+    bend = np.pad(bend, 1, mode="edge")
+    length = np.pad(np.where(widest <= MOST_APART * usual, (before + after) / 2.0, usual), 1, mode="edge")
     return np.asarray(means - length**2 / 24.0 * bend)

@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoopd.recording.tick_columns import CHANNELS, INPUTS, TIMES, UNITS
 
-__all__ = ["HOLDS", "UNITS", "Column", "Recording", "Signal", "from_columns", "from_signals"]
+__all__ = ["HOLDS", "UNITS", "Column", "Recording", "Signal", "from_columns", "from_signals", "with_hold"]
 
 Column = NDArray[np.float64]
 
-# How an input goes on between its rows: at its value, straight to the next one, or on a smooth curve through them.
+# How an input goes on between its rows: at its value, straight to the next one, on a smooth curve through them, or on
+# one of which they are means.
 HOLDS = ("zero", "linear", "smooth", "mean")
 
 
@@ -39,13 +40,19 @@ class Signal:
     unit : str
         As a person writes it, empty for a plain number.
     hold : str
-        Of an input: "zero", "linear", "smooth" or "mean", how it goes on to the next row.
+        Of an input: "zero", "linear", "smooth" or "mean", how it goes on to the next row; of a channel "mean" where
+        each value is one over the time about it.
     """
 
     values: Column
     t: Column
     unit: str = ""
     hold: str = HOLDS[0]
+
+    @property
+    def told_hold(self) -> str:
+        """Of a channel, as a file has it: empty where there is nothing to tell."""
+        return self.hold if self.hold != HOLDS[0] else ""
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -152,6 +159,14 @@ class Recording:
     def replaced(self, **changes: Any) -> Recording:
         """The same with other fields or columns, as `dataclasses.replace` does it."""
         return dataclasses.replace(self, **changes)
+
+
+def with_hold(recording: Recording, hold: str) -> Recording:
+    """The recording with inputs that go on in this way, and with readings that are means where all is."""
+    inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}
+    read = hold if hold == "mean" else HOLDS[0]
+    channels = {name: dataclasses.replace(signal, hold=read) for name, signal in recording.channels.items()}
+    return recording.replaced(inputs=inputs, channels=channels)
 
 
 def from_columns(

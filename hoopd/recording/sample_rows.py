@@ -97,7 +97,7 @@ def _about(recording: Recording) -> list[_About]:
         return _About(name, role, signal.unit, hold, times)
 
     inputs = [one(name, signal, "input", signal.hold) for name, signal in recording.inputs.items()]
-    return [*inputs, *(one(name, signal, "channel", "") for name, signal in recording.channels.items())]
+    return [*inputs, *(one(name, signal, "channel", signal.told_hold) for name, signal in recording.channels.items())]
 
 
 def _recording(about: list[_About], rows: list[dict[str, float]], **more: Any) -> Recording:
@@ -118,8 +118,9 @@ def _schema(about: list[_About]) -> dict[str, Any]:
     """JSON schema (draft 2020-12 subset, no unions) of a row."""
     properties: dict[str, Any] = {"t": _number("s", "run time of the row")}
     for one in about:
-        meaning = "sampled at t" if one.role == "channel" else f"input from t on, {one.hold} hold"
-        properties[one.name] = _number(one.unit, meaning.replace("at t", f"at {one.name}_t") if one.times else meaning)
+        read = "mean about t" if one.hold else "sampled at t"
+        meaning = read if one.role == "channel" else f"input from t on, {one.hold} hold"
+        properties[one.name] = _number(one.unit, meaning.replace(" t", f" {one.name}_t") if one.times else meaning)
     properties |= {f"{one.name}_t": _number("s", f"when {one.name} was sampled") for one in about if one.times}
     return {
         "title": SCHEMA,

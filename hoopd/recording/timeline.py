@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.input_curve import SAME_S, InputCurve, instants_of
+from hoopd.recording.input_curve import SAME_S, InputCurve, deaveraged
 from hoopd.recording.recording import Column, Recording
 from hoopd.recording.spans import spans
 from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
@@ -160,8 +160,7 @@ def _measured(recording: Recording, name: str, rows: slice) -> tuple[Array, Arra
     # a board or camera that has nothing new is recorded twice: once is enough
     new = np.diff(t, prepend=-np.inf) > SAME_S
     t, values = t[new], values[new]
-    averaged = any(one.hold == "mean" for one in recording.inputs.values())
-    return t, instants_of(t, values) if averaged else values
+    return t, deaveraged(t, values) if recording.channels[name].hold == "mean" else values
 
 
 def _distinct(times: Array) -> Array:

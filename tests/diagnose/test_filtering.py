@@ -87,10 +87,10 @@ def dense(m: LinearReference, noise: Noise) -> Dense:
     start, settled = [START_POSITION, START_RATE, START_POSITION, START_RATE, OFF, *noise.force], np.eye(size)
     settled[NZ - 1, FOLLOWED] = 1.0
     floor = [0.0, RATE_FLOOR, 0.0, RATE_FLOOR, 0.0]
-    jumps = np.zeros((n - 1, NZ)) if m.jumps is None else m.jumps
+    displaced = np.zeros((n - 1, NZ)) if m.displaced is None else m.displaced
     added = [
         np.diag([*(np.square(floor) + jump**2), *(noise.force**2 * (1 - np.exp(-2 * h / noise.time_s)))])
-        for h, jump in zip(m.h, jumps, strict=True)
+        for h, jump in zip(m.h, displaced, strict=True)
     ]
     state = reach @ block_diag(settled @ np.diag(np.square(start)) @ settled.T, *added) @ reach.T
     rows = m.seen.ravel()
@@ -109,7 +109,9 @@ def observed(big: Dense, f: Array, eps: Array) -> Array:
 
 def with_unknown_inputs(m: LinearReference) -> LinearReference:
     random = np.random.default_rng(9)
-    return m._replace(unresolved=random.uniform(0.0, 0.3, m.seen.shape), jumps=random.uniform(0.0, 0.2, m.a.shape[:2]))
+    return m._replace(
+        unresolved=random.uniform(0.0, 0.3, m.seen.shape), displaced=random.uniform(0.0, 0.2, m.a.shape[:2])
+    )
 
 
 MODELS = pytest.mark.parametrize("m", [model(), with_unknown_inputs(model())], ids=["known", "unknown"])

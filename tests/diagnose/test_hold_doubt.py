@@ -11,8 +11,9 @@ from hoopd.diagnose.quality.outliers import jumping
 from hoopd.diagnose.quality.recording_quality import assess
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.reference_track import Track
+from hoopd.plants.likelihood.stretches import stretch_of
 from hoopd.plants.registry import plant_named
-from hoopd.recording.recording import Recording, Signal, from_signals
+from hoopd.recording.recording import Recording, Signal, from_signals, with_hold
 
 AXIS = plant_named("axis")
 M, FV = 95.0, 200.0
@@ -42,7 +43,7 @@ def rows(means: bool, hold: str, noise_m: float = 2e-6) -> Recording:
         t, force, x = (one.reshape(-1, COUNT).mean(axis=1) for one in (t, force, x))
     else:
         t, force, x = (one[::COUNT] for one in (t, force, x))
-    return from_signals(t, {"F": Signal(force, t, "N", hold)}, {"x": Signal(x, t, "m")}, source="made")
+    return with_hold(from_signals(t, {"F": Signal(force, t, "N")}, {"x": Signal(x, t, "m")}, source="made"), hold)
 
 
 def judged(recording: Recording) -> tuple[list[str], HypothesisFit]:
@@ -52,12 +53,12 @@ def judged(recording: Recording) -> tuple[list[str], HypothesisFit]:
 
 
 def test_means_are_told_from_what_is_held() -> None:
-    (doubt,), held = judged(rows(True, "zero"))
+    (doubt,), zero = judged(rows(True, "zero"))
     assert "--hold zero" in doubt and "--hold smooth" in doubt and "averaged" in doubt
     none, smooth = judged(rows(True, "smooth"))
     assert none == []
     assert smooth.values["M"] == pytest.approx(M, rel=0.02)
-    assert abs(held.values["M"] / M - 1.0) > 0.05
+    assert abs(zero.values["M"] / M - 1.0) > 0.05
     none, mean = judged(rows(True, "mean"))
     assert none == []
     assert mean.values["M"] == pytest.approx(M, rel=0.005)
@@ -66,20 +67,29 @@ def test_means_are_told_from_what_is_held() -> None:
 def test_readings_are_trusted_as_far_as_the_force_is_known_between_its_rows() -> None:
     (stretch,) = source_of("made", rows(True, "smooth"), AXIS).stretches
     model = Track(stretch).columns({**AXIS.values, "M": M}, ()).model
-    assert model.unresolved is not None and model.jumps is not None
+    assert model.unresolved is not None and model.displaced is not None
     # M x'' = F: where the force swings unseen, the place is moved on by the integral of its integral, over M, and stays
-    assert model.jumps[:, 0] == pytest.approx(stretch.unresolved[:, 0, 1] / M, rel=0.02)
-    assert not model.jumps[:, 1].any()
-    assert model.unresolved[:-1, 0] == pytest.approx(model.jumps[:, 0] / (2.0 * np.pi), rel=1e-6)
+    assert model.displaced[:, 0] == pytest.approx(stretch.unresolved[:, 0, 1] / M, rel=0.02)
+    assert not model.displaced[:, 1].any()
+    assert model.unresolved[:-1, 0] == pytest.approx(model.displaced[:, 0] / (2.0 * np.pi), rel=1e-6)
     late = stretch.seconds(10.0, 20.0)
     assert np.array_equal(late.unresolved, stretch.unresolved[np.searchsorted(stretch.t, late.t[:-1])])
-    (held,) = source_of("made", rows(True, "zero"), AXIS).stretches
-    assert Track(held).columns(AXIS.values, ()).model.unresolved is None
+    (zero,) = source_of("made", rows(True, "zero"), AXIS).stretches
+    assert Track(zero).columns(AXIS.values, ()).model.unresolved is None
+
+
+def test_a_step_that_is_cut_displaces_no_more_than_the_whole_one() -> None:
+    t, u = 0.3 * np.arange(40), np.random.default_rng(2).normal(size=39)
+    unknown = np.stack([np.full(39, 0.1), np.full(39, 0.02)], axis=1)[:, None, :]
+    cut = stretch_of("made", AXIS, t, u, {"x": (np.arange(40), np.zeros(40))}, unknown)
+    assert len(cut.u) > 3 * 39
+    assert np.sum(cut.unresolved[:, 0, 1] ** 2) == pytest.approx(39 * 0.02**2)
+    assert cut.unresolved[:, 0, 0] == pytest.approx(0.1)
 
 
 def test_what_is_held_raises_no_doubt() -> None:
-    none, held = judged(rows(False, "zero"))
-    assert none == [] and held.values["M"] == pytest.approx(M, rel=0.01)
+    none, zero = judged(rows(False, "zero"))
+    assert none == [] and zero.values["M"] == pytest.approx(M, rel=0.01)
     (doubt,), _ = judged(rows(False, "smooth"))
     assert "--hold zero" in doubt and "held from row to row" in doubt
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoopd.recording.input_curve import MOST_LEFT, STAIRS, InputCurve, instants_of
+from hoopd.recording.input_curve import MOST_LEFT, STAIRS, InputCurve, deaveraged
 
 ROWS = 0.04 * np.arange(400)
 
@@ -92,6 +92,11 @@ def test_what_was_averaged_has_its_rows_as_means() -> None:
     ends = (ROWS[1:] + ROWS[:-1]) / 2.0
     assert InputCurve(ROWS, u, "mean").between(ends) == pytest.approx(u[1:-1], abs=1e-9)
     assert np.abs(InputCurve(ROWS, u, "smooth").between(ends) - u[1:-1]).max() > 0.2
+    # rows that are missing leave the other means what they are
+    seen = np.abs(np.arange(len(ROWS)) - 200.5) > 2.0
+    holed = InputCurve(ROWS[seen], u[seen], "mean")
+    means = [float(holed.between(np.array([t - 0.02, t + 0.02]))[0]) for t in ROWS[seen][1:-1]]
+    assert means == pytest.approx(u[seen][1:-1], abs=1e-9)
     both = (InputCurve(ROWS, u, hold).unresolved(ROWS) for hold in ("smooth", "mean"))
     assert np.array_equal(*both)
     # a part of an interval has its part of the variance
@@ -106,13 +111,16 @@ def test_means_are_led_back_to_instants_by_their_own_bend() -> None:
         half = (t[min(k + 1, len(t) - 1)] - t[max(k - 1, 0)]) / (4.0 if 0 < k < len(t) - 1 else 2.0)
         means.append(np.mean(force(when + np.linspace(-half, half, 401), 1.0)))
     inner, off = slice(2, -2), np.array(means) - force(t, 1.0)
-    found = instants_of(t, np.array(means)) - force(t, 1.0)
+    found = deaveraged(t, np.array(means)) - force(t, 1.0)
     assert np.abs(found[inner]).max() < 0.1 * np.abs(off[inner]).max()
-    # over a gap nothing is known of the bend
+    # over a gap nothing is known of the bend; beside a row that is missing it is
     apart = np.concatenate([t[:20], t[20:40] + 5.0])
-    around = instants_of(apart, np.array(means)[:40])
+    around = deaveraged(apart, np.array(means)[:40])
     assert around[19] == means[19] and around[20] == means[20] and around[10] != means[10]
-    assert np.array_equal(instants_of(t[:2], np.array(means[:2])), means[:2])
+    there = np.arange(len(t)) != 30
+    beside = deaveraged(t[there], np.array(means)[there]) - force(t[there], 1.0)
+    assert np.abs(beside[28:32]).max() < 0.2 * np.abs(off[28:33]).max()
+    assert np.array_equal(deaveraged(t[:2], np.array(means[:2])), means[:2])
 
 
 @pytest.mark.parametrize("hold", ["linear", "smooth", "mean"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from hoopd.recording import Recording, Signal, from_columns, from_signals
 from hoopd.recording.doubts import doubts
 from hoopd.recording.edit import aged, between, joined, resampled, shifted, unwrapped, without
+from hoopd.recording.formats import load, save
+from hoopd.recording.recording import with_hold
 from hoopd.recording.timeline import switch_times, timelines
 
 
@@ -125,12 +128,22 @@ def test_timelines_of_an_input_that_is_held_or_goes_straight() -> None:
 
 def test_a_timeline_of_means_has_readings_at_instants() -> None:
     run = axis(11)
-    (plain,), (mean,) = timelines(axis(11, "smooth")), timelines(axis(11, "mean"))
+    (plain,), (mean,) = timelines(with_hold(axis(11), "smooth")), timelines(with_hold(axis(11), "mean"))
     # of what is bent evenly a mean over h seconds is h^2 x''/24 more
     bend, h = np.diff(run.x, 2).mean() / np.diff(run.x_t).mean() ** 2, float(np.diff(run.x_t).mean())
     assert bend == pytest.approx(2.0, rel=1e-3)
     off = mean.channels["x"].values - plain.channels["x"].values
     assert off == pytest.approx(np.full(len(off), -(h**2) / 24.0 * bend), rel=1e-6)
+
+
+@pytest.mark.parametrize("extension", [".mcap", ".h5"])
+def test_that_rows_are_means_stays_with_inputs_and_readings(extension: str, tmp_path: Path) -> None:
+    save(with_hold(axis(50), "mean"), tmp_path / f"run{extension}")
+    again = load(tmp_path / f"run{extension}")
+    assert {signal.hold for signal in again.signals.values()} == {"mean"}
+    save(with_hold(axis(50), "linear"), tmp_path / f"line{extension}")
+    line = load(tmp_path / f"line{extension}")
+    assert line.inputs["F"].hold == "linear" and {one.hold for one in line.channels.values()} == {"zero"}
 
 
 def test_timelines_of_several_inputs_and_of_none() -> None:

@@ -33,17 +33,17 @@ def hold_doubts(
     if len(told) != 1 or told == {"mean"} or any(source.recording.is_tick for source in sources):
         return []
     criterion = _criterion_as_told(base)
-    gains = {hold: criterion - _criterion(sources, ignored, base, hold) for hold in _MEANS if hold not in told}
+    gains = {hold: criterion - _criterion(sources, ignored, base, hold) for hold in _HOW if hold not in told}
     best = max(gains, key=lambda hold: gains[hold])
     if gains[best] < threshold:
         return []
     return [
         f"the inputs are read with --hold {told.pop()}; with --hold {best} the model without any effect explains the"
-        f" same readings better by {gains[best]:.3g} nats: was the input {_MEANS[best]}?"
+        f" same readings better by {gains[best]:.3g} nats: was the input {_HOW[best]}?"
     ]
 
 
-_MEANS: Mapping[str, str] = {
+_HOW: Mapping[str, str] = {
     "zero": "held from row to row",
     "linear": "going straight from row to row",
     "smooth": "filtered, or averaged (--hold mean, where readings were, too), before it was written down",

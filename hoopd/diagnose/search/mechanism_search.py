@@ -58,18 +58,21 @@ def name_mechanisms(found: Named, judge: Judge, mechanisms: Sequence[Mechanism])
     if far_beyond(found.base):
         _settle(found, judge)
     if len(found.accepted) > 1:
-        _instead_of(found, judge, mechanisms, found.accepted)
+        # of two things that act, a law that stands for the larger one explains little of the other
+        alone = found.base.criterion - max((one.gain for one in found.tried), default=0.0)
+        _instead_of(found, judge, mechanisms, found.accepted, alone)
     for _ in range(MOST_MECHANISMS):
         best = _next(found, judge, [one for one in mechanisms if one.name not in found.final.names])
         if best is None:
             break
+        before_it = found.final.criterion
         found.accepted.append(best)
         found.final = best.fit
         if len(found.accepted) > 1:
             reconsider(found, judge, swaps=False)
         same = [one for one in found.accepted if one.effect.slot == best.effect.slot]
         if len(same) > 1:
-            _instead_of(found, judge, mechanisms, same)
+            _instead_of(found, judge, mechanisms, same, before_it)
     if found.final is not before:
         widen_ranges(found, judge)
         taken_out(found, judge)
@@ -90,10 +93,13 @@ def _settle(found: Named, judge: Judge) -> None:
         taken_out(found, judge)
 
 
-def _instead_of(found: Named, judge: Judge, mechanisms: Sequence[Mechanism], these: Sequence[Tried]) -> None:
+def _instead_of(
+    found: Named, judge: Judge, mechanisms: Sequence[Mechanism], these: Sequence[Tried], fewer: float
+) -> None:
     """Puts one mechanism into the place of several names, where it explains what they do together: names of a library,
     or of a library and of the grammar, add up to a law that is none of theirs. Every name beyond the first has to be
-    worth the threshold."""
+    worth the threshold, and at least half of what they explain beyond the best without all of them (`fewer`, its
+    criterion) has to be explained."""
     every = len(these) == len(found.accepted)
     judge.settings.progress(f"one mechanism in place of {', '.join(one.effect.name for one in these)}")
     kept = [one for one in found.accepted if one not in these]
@@ -105,8 +111,7 @@ def _instead_of(found: Named, judge: Judge, mechanisms: Sequence[Mechanism], the
     costs = sum(one.gain - one.surprise for one in these)
     whole = about.criterion - found.final.criterion
     needed = whole - costs - judge.settings.threshold * (len(these) - 1)
-    # of two things that act, a law that stands for the larger one explains little of the other
-    alone = max((one.gain for one in (found.tried if every else these[:1])), default=0.0)
+    alone = about.criterion - fewer
     wanted = [one for one in mechanisms if one.name not in about.names]
     screen = MechanismScreen(about, wanted, level=False)
     worthy = [one for one in _scores(screen, about)[:MOST_SWAPS] if _worth(one) >= WORTH_SHARE * needed]

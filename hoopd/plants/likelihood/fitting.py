@@ -37,7 +37,7 @@ FALLEN, MOST_TURNS = 0.5, 4
 # A step that leads where the model has no finite numbers (a negative inertia), or to where the data are less likely by
 # so many nats, is halved so often: along a direction that the data hardly know it goes far, and the model bends.
 WORSE_NATS, MOST_HALVINGS = 100.0, 6
-# A number whose square, and a sum of such, is none.
+# Sums of squares of larger numbers may be beyond all numbers.
 LARGEST = 1e100
 # A search that has led away is made again, and ends where it was likeliest but for so many nats; so does every one
 # that begins with its trajectory, so that the two are compared as they were made.

@@ -68,7 +68,7 @@ class LinearReference(NamedTuple):
     # deviations by what is not known of the inputs between their rows, of each reading (n, nc), and of the states, by
     # which each step displaces them for good (n-1, nz); None, both: all is known
     unresolved: Array | None = None
-    jumps: Array | None = None
+    displaced: Array | None = None
 
     @property
     def size(self) -> int:
@@ -139,8 +139,8 @@ class Noise(NamedTuple):
         (steps, nz, _), size = model.a.shape, model.size
         found = np.zeros((steps, size, size))
         found[:, range(nz), range(nz)] = rate_floor(nz, model.nx, model.sizes, model.first_order)
-        if model.jumps is not None:
-            found[:, range(nz), range(nz)] += model.jumps**2
+        if model.displaced is not None:
+            found[:, range(nz), range(nz)] += model.displaced**2
         found[:, range(nz, size), range(nz, size)] = disturbance(model.h[:, None], self.force, self.time_s)[1]
         return found
 

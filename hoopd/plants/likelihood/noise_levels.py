@@ -50,8 +50,8 @@ class Criterion:
         onward = [np.concatenate([part, np.zeros((1, part.shape[1]))]) for part in parts]
         read = [nonzeros(model.c, seen), model.seen.astype(float), model.scatter, self._eps]
         self._data = [*onward, *read]
-        if model.unresolved is not None and model.jumps is not None:
-            self._data += [model.unresolved, np.concatenate([model.jumps, np.zeros((1, model.jumps.shape[1]))])]
+        if model.unresolved is not None and model.displaced is not None:
+            self._data += [model.unresolved, np.concatenate([model.displaced, np.zeros((1, model.displaced.shape[1]))])]
 
     def parts(self) -> list[Criterion]:
         """Of some blocks of the nodes."""
@@ -71,7 +71,7 @@ class Criterion:
                 m.sizes,
                 m.first_order,
                 None if m.unresolved is None else m.unresolved[nodes],
-                None if m.jumps is None else m.jumps[steps],
+                None if m.displaced is None else m.displaced[steps],
             )
             found.append(Criterion(model, self._f[steps], self._eps[nodes]))
         return found
@@ -116,18 +116,18 @@ def _linear_filter(
     f, eps, present = ca.SX.sym("f", nz), ca.SX.sym("eps", nc), ca.SX.sym("seen", nc)
     scatter, levels = ca.SX.sym("scatter", nc), ca.SX.sym("levels", 2 * nq + nc)
     force, time_s, reading = ca.vertsplit(levels, [0, nq, 2 * nq, 2 * nq + nc])
-    unresolved, jumps = ca.SX.sym("unresolved", nc), ca.SX.sym("jumps", nz)
+    unresolved, displaced = ca.SX.sym("unresolved", nc), ca.SX.sym("displaced", nz)
     variances = (reading * scatter) ** 2 + (0.0 if is_known else unresolved**2)
     taken = readings_taken(from_elements(half, size), c, present, variances)
     moved, e = corrected(taken, c, eps - ca.mtimes(c, d[:nz]))
     decay, variance = disturbance(h, force, time_s, ca.exp)
     phi = ca.vertcat(moving, ca.horzcat(ca.SX(nq, nz), ca.diag(decay)))
-    floor = rate_floor(nz, nx, sizes, first_order) + (0.0 if is_known else jumps**2)
+    floor = rate_floor(nz, nx, sizes, first_order) + (0.0 if is_known else displaced**2)
     added = ca.diag(ca.vertcat(floor, variance))
     after = ca.vertcat(
         *elements(carried(taken.after, phi, added)), ca.mtimes(phi, d + moved) + ca.vertcat(f, ca.SX(nq, 1))
     )
-    data = [moving, h, f, c, present, scatter, eps, *([] if is_known else [unresolved, jumps])]
+    data = [moving, h, f, c, present, scatter, eps, *([] if is_known else [unresolved, displaced])]
     out = ca.vertcat(*e, *taken.variances)
     return DifferentiableRecursion(
         ca.Function("filter", [ca.vertcat(half, d), *data, levels], [after, out], {"cse": True})

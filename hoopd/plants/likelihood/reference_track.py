@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 SMOOTHING_PASSES = 2
 # What displaces a place for good by a swing's one phase displaces it meanwhile, as a mean, by its other: a h^2/(4 pi^2)
 # beside a h^2/(2 pi).
-ON_ITS_WAY = 1.0 / (2.0 * pi)
+MEAN_SHARE = 1.0 / (2.0 * pi)
 
 
 @dataclass(frozen=True)
@@ -273,11 +273,11 @@ class Track:
         # then where the integral of that has brought it, and was aside by a part of that on its way
         once, twice = np.moveaxis(self.stretch.unresolved, 2, 0)[:, :, None, :]
         answer, places = by_u / self.stretch.h[:, None, None], range(0, 2 * self.composite.nq, 2)
-        moved, jumps = answer * once, np.zeros(answer.shape)
-        jumps[:, places] = (answer * twice)[:, [place + 1 for place in places]]
-        moved[:, places] = ON_ITS_WAY * jumps[:, places]
+        moved, displaced = answer * once, np.zeros(answer.shape)
+        displaced[:, places] = (answer * twice)[:, [place + 1 for place in places]]
+        moved[:, places] = MEAN_SHARE * displaced[:, places]
         seen = of_z @ np.concatenate([moved, moved[-1:]])
-        return np.sqrt(np.sum(seen**2, axis=2)), np.sqrt(np.sum(jumps**2, axis=2))
+        return np.sqrt(np.sum(seen**2, axis=2)), np.sqrt(np.sum(displaced**2, axis=2))
 
     def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
         """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.

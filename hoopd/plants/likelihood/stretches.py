@@ -135,6 +135,10 @@ def stretch_of(
     held = u[before]
     first, others = (held, np.zeros((len(held), 0))) if held.ndim == 1 else (held[:, 0], held[:, 1:])
     open_inputs = np.zeros((0, 0, 2)) if unresolved is None else unresolved[before]
+    if unresolved is not None:
+        # each part of a step has its part of the variance by which the step displaces
+        share = np.sqrt(np.diff(cut) / np.diff(t)[before])
+        open_inputs = open_inputs * np.stack([np.ones(len(share)), share], axis=1)[:, None, :]
     return Stretch(recording, plant, cut, first, y, others=others, unresolved=open_inputs)
 
 

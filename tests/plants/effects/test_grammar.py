@@ -87,9 +87,9 @@ def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
 def test_what_is_late_in_one_direction_is_so_by_its_mean_until_the_next_sample(name: str, time_s: float) -> None:
     """The recursion is the mean of what the model integrates, also where a large step goes through zero."""
     (memory,) = [one for one in MEMORIES if one.name == name]
-    u = np.array([0.0, 0.02, 0.04, -0.03, -0.01, -0.01, 0.05, 0.0, 0.5, -0.1, 0.0])
+    u = np.array([0.03, 0.02, 0.04, -0.03, -0.01, -0.01, 0.05, 0.0, 0.5, -0.1, 0.0])
     constants, h, parts = {"T": time_s}, 0.02, 4000
-    z, means = u[0], []
+    z, means = 0.0, []
     for now in u:
         told = []
         for _ in range(parts):
@@ -103,6 +103,19 @@ def test_what_is_late_in_one_direction_is_so_by_its_mean_until_the_next_sample(n
     late = {other.name: other.along(u, u, np.arange(len(u)) * h, constants) for other in ONE_WAY}
     # each is late or its opposite is
     assert late["rise"] + late["fall"] == pytest.approx(late["up"] + late["down"], abs=1e-12)
+
+
+def test_what_is_late_in_one_direction_loses_as_much_of_a_step_however_fast_the_samples_come() -> None:
+    """A unit step of an amplitude of 1 s loses 1 s of it, in the model as in the screen, also of a time that is shorter
+    than a model can follow."""
+    mechanism = mechanisms(plant_named("axis"))["actuator.up_of_f"]
+    for h in (0.02, 0.001):
+        t = h * np.arange(round(3.0 / h))
+        u = np.where(t > 0.5, 1.0, 0.0)
+        lost = mechanism.along(u, u, t, {"T": 0.25 * h})
+        assert np.sum(lost) * h == pytest.approx(-1.0, rel=1e-3), h
+    told = mechanism._told(np, {"T": 1e-6})["T"]
+    assert told == plant_named("axis").time_scale_s / 5
 
 
 def test_a_loose_part_is_felt_as_the_mean_of_its_blows() -> None:

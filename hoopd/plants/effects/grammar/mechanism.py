@@ -83,6 +83,8 @@ class Mechanism:
         Of dry friction, the only sign of the rate that it opposes; 0: both.
     textbook : bool
         A law that textbooks have for such a place: it is rarer than a library's name, whatever its constants.
+    shortest_s : float
+        No time of a memory is shorter in the plant that it is of.
     """
 
     site: ActingPlace
@@ -94,6 +96,7 @@ class Mechanism:
     dry: Axis | None = None
     way: int = 0
     textbook: bool = False
+    shortest_s: float = 0.0
 
     @property
     def _law(self) -> ShapeLaw | MemoryLaw:
@@ -172,7 +175,7 @@ class Mechanism:
             found = np.asarray(self.shape.of(np, v, constants))
         else:
             assert self.memory is not None
-            found = self.memory.along(v, way, t, constants)
+            found = self.memory.along(v, way, t, self._told(np, constants))
         return found if self.dry is None else np.maximum(found, 0.0)
 
     def screened(self, v: Array, t: Array, constants: Mapping[str, float]) -> Array:
@@ -275,7 +278,14 @@ class Mechanism:
         assert self.memory is not None
         # where the plant is without the memory it is at rest
         states = [getattr(s, name) if name in s else 0.0 for name in self._states]
-        return self.memory.value(ca, states, v, e.__dict__)
+        return self.memory.value(ca, states, v, self._told(ca, e.__dict__))
+
+    def _told(self, ops: Any, constants: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Of what is divided by its own time, no shorter a time than its states have."""
+        if self.memory is None or not self.memory.is_rate:
+            return constants
+        return {**constants, "T": ops.maximum(constants["T"], self.shortest_s) if ops is np
+                else ops.fmax(constants["T"], self.shortest_s)}  # fmt: skip
 
     def _level(self, s: Point, e: Any) -> Any:
         level = e.A * ca.fmax(self._law_at(s, e), 0.0)
@@ -295,7 +305,7 @@ class Mechanism:
         """The plant with the memory's states as its last ones."""
         memory, names = self.memory, self._states
         assert memory is not None
-        constants, shortest = self.constants, plant.time_scale_s / MEMORY_SUBSTEPS
+        constants, shortest = self.constants, shortest_time_s(plant)
 
         def rates(s: Point) -> Any:
             own = {name: s.p[f"{self.name}.{name}"] for name in constants}
@@ -314,6 +324,11 @@ class Mechanism:
             plant, first_order=(*plant.first_order, *names), rates=rates, scales={**plant.scales, **sizes},
             remembered={**plant.remembered, **begins}, led=(*plant.led, *(names if memory.is_led else ())),
         )  # fmt: skip
+
+
+def shortest_time_s(plant: Plant) -> float:
+    """As short a time as a memory's states can follow."""
+    return plant.time_scale_s / MEMORY_SUBSTEPS
 
 
 def _about(parameter: EffectParameter, tried: Sequence[float]) -> EffectParameter:

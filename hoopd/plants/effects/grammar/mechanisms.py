@@ -35,7 +35,14 @@ from hoopd.plants.effects.grammar.axes import (
     state,
 )
 from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
-from hoopd.plants.effects.grammar.mechanism import FORCE, READING, TORQUE, ActingPlace, Mechanism
+from hoopd.plants.effects.grammar.mechanism import (
+    FORCE,
+    READING,
+    TORQUE,
+    ActingPlace,
+    Mechanism,
+    shortest_time_s,
+)
 from hoopd.plants.effects.grammar.memories import MEMORIES, ONE_WAY
 from hoopd.plants.effects.grammar.memory_law import MemoryLaw
 from hoopd.plants.effects.grammar.shapes import BEAT, BENTS, HUM, LENS, STEPS, WAVE, ShapeLaw, shapes_of
@@ -78,7 +85,7 @@ def mechanisms(plant: Plant) -> dict[str, Mechanism]:
     textbooks = textbook_names(plant)
     for name, slot in plant.slots.items():
         for one in _of_slot(plant, name, slot):
-            found.setdefault(one.name, replace(one, textbook=one.name in textbooks))
+            found.setdefault(one.name, replace(one, textbook=one.name in textbooks, shortest_s=shortest_time_s(plant)))
     return found
 
 

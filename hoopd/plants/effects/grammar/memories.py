@@ -210,7 +210,7 @@ def _late(name: str, when: str, words: str) -> MemoryLaw:
         h = np.diff(t, append=t[-1:])
         left, rate = np.exp(-h / c["T"]), np.divide(1.0, h, out=np.zeros(len(h)), where=h > 0.0)
         before = np.concatenate([[1.0], left[:-1]])
-        z = carried(before, (1.0 - before) * np.concatenate([v[:1], v[:-1]]) + np.where(np.arange(len(v)) == 0, v, 0.0))
+        z = carried(before, (1.0 - before) * np.concatenate([v[:1], v[:-1]]))
         far = z - v
         if not by_size:
             whole = (far < 0.0) == grows
