@@ -9,7 +9,9 @@ from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
 from hoopd.diagnose.quality.outliers import jumping
 from hoopd.diagnose.quality.recording_quality import assess
+from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
+from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import stretch_of
 from hoopd.plants.registry import plant_named
@@ -18,6 +20,7 @@ from hoopd.recording.recording import Recording, Signal, from_signals, with_hold
 AXIS = plant_named("axis")
 M, FV = 95.0, 200.0
 FINE_S, COUNT = 1e-3, 40  # a row is the mean of so many samples
+NOISE = Noise(np.array([0.5]), np.array([0.1]), np.array([2e-6]))
 
 
 def moves(every: int, noise_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -76,6 +79,29 @@ def test_readings_are_trusted_as_far_as_the_force_is_known_between_its_rows() ->
     assert np.array_equal(late.unresolved, stretch.unresolved[np.searchsorted(stretch.t, late.t[:-1])])
     (zero,) = source_of("made", rows(True, "zero"), AXIS).stretches
     assert Track(zero).columns(AXIS.values, ()).model.unresolved is None
+
+
+def test_nobody_knows_when_a_friction_turned_round_between_rows() -> None:
+    """For the time by which a rate may have passed zero earlier or later the whole friction may have been on the other
+    side; nowhere else, and of nothing whose inputs are known."""
+    friction = library(AXIS)["body.coulomb_friction"]
+    values = {**AXIS.values, "M": M, "body.coulomb_friction.Fc": 20.0}
+    (stretch,), (zero,) = (source_of("made", rows(True, hold), AXIS).stretches for hold in ("mean", "zero"))
+    plain, dry = (Track(stretch, some) for some in ((), (friction,)))
+    for track in (plain, dry):
+        track.smooth(values, NOISE)
+    dry.like(plain)
+    without, told = (track.columns(values, ()).model.displaced for track in (plain, dry))
+    assert without is not None and told is not None
+    assert not without[:, 1].any()
+    speed = plain.z[:, 1]
+    turns = (speed[:-1] * speed[1:] < 0.0) & (np.abs(np.diff(speed)) > 0.005)
+    assert turns.sum() > 5 and (told[turns, 1] > 0.0).mean() > 0.9
+    fast = np.minimum(np.abs(speed[:-1]), np.abs(speed[1:])) > 0.05
+    assert fast.sum() > 50 and not told[fast, 1].any()
+    # no longer than the step itself
+    assert told[:, 1].max() <= 2.0 * 20.0 / M * float(np.max(stretch.h)) * 1.01
+    assert Track(zero, (friction,)).columns(values, ()).model.displaced is None
 
 
 def test_a_step_that_is_cut_displaces_no_more_than_the_whole_one() -> None:

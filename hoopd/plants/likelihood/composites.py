@@ -17,6 +17,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.library import library
 from hoopd.plants.fingerprint import fingerprint
+from hoopd.plants.integration_step import split_inputs
 from hoopd.plants.likelihood.batch_calls import KEPT, Recursion
 from hoopd.plants.plant_with_effects import Composite
 
@@ -85,6 +86,30 @@ def rates_of(composite: Composite) -> ca.Function:
     x, u, t, p = (ca.SX.sym(name, size) for name, size in sizes.items())
     named = {name: p[i] for i, name in enumerate(composite.names)}
     return ca.Function("rates", [x, u, t, p], [ca.densify(composite.rate_expression(x, u, t, named))])
+
+
+@lru_cache(maxsize=KEPT)
+def dry_frictions_of(composite: Composite) -> ca.Function | None:
+    """(x, inputs, t, p) -> level, and part of each coordinate in the rate that it opposes, friction after friction.
+
+    None without any; a contact that the accelerations hold is none.
+    """
+    every = [(one, one.friction) for one in composite.effects]
+    frictions = [(one, friction) for one, friction in every if friction is not None and friction.needed is None]
+    if not frictions:
+        return None
+    plant, sizes = composite.plant, {"x": composite.nx, "u": composite.nu, "t": 1, "p": len(composite.names)}
+    x, u, t, p = (ca.SX.sym(name, size) for name, size in sizes.items())
+    named = {name: p[i] for i, name in enumerate(composite.names)}
+    s = plant.point(x, named, u, t)
+    s.demand = split_inputs(u, len(plant.inputs))[0]
+    rows = [
+        value
+        for effect, friction in frictions
+        for along in [friction.along(s)]
+        for value in (friction.level(s, effect.values(named)), *(along.get(q, 0.0) for q in plant.coordinates))
+    ]
+    return ca.Function("dry", [x, u, t, p], [ca.densify(ca.vertcat(*rows))])
 
 
 class Carrying(NamedTuple):

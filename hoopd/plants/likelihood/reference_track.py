@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.batch_calls import mapped
-from hoopd.plants.likelihood.composites import carrying, composite_of, derivatives_of, fitting_effects, rates_of
+from hoopd.plants.likelihood.composites import (
+    carrying,
+    composite_of,
+    derivatives_of,
+    dry_frictions_of,
+    fitting_effects,
+    rates_of,
+)
 from hoopd.plants.likelihood.kalman_filter import (
     Gains,
     Lagged,
@@ -36,6 +43,8 @@ Array = NDArray[np.float64]
 
 # Passes of the smoother until the reference stays: the second changes it by far less than the noise.
 SMOOTHING_PASSES = 2
+# So many of its unseen swings from zero a rate may have passed it; below the least there is none.
+SWINGS, LEAST = 2.0, 1e-300
 # What displaces a place for good by a swing's one phase displaces it meanwhile, as a mean, by its other: a h^2/(4 pi^2)
 # beside a h^2/(2 pi).
 MEAN_SHARE = 1.0 / (2.0 * pi)
@@ -255,7 +264,7 @@ class Track:
             self._behind(values),
             tuple(state_scales(c.plant).tolist()),
             tuple(c.plant.states.index(name) for name in self.stretch.plant.first_order),
-            *self._unresolved(by_u, of_z),
+            *self._unresolved(values, by_u, by_w, of_z),
         )
         return Columns(model, f, eps)
 
@@ -264,7 +273,9 @@ class Track:
         """Whether all inputs are known between their rows."""
         return not self.stretch.unresolved.any()
 
-    def _unresolved(self, by_u: Array, of_z: Array) -> tuple[Array | None, Array | None]:
+    def _unresolved(
+        self, values: Mapping[str, float], by_u: Array, by_w: Array, of_z: Array
+    ) -> tuple[Array | None, Array | None]:
         """Deviations by what is not known of the inputs, told what an input does to a step: (n, nc) of the readings,
         and (n-1, nz) of the states, which stay displaced."""
         if self._is_resolved:
@@ -276,8 +287,32 @@ class Track:
         moved, displaced = answer * once, np.zeros(answer.shape)
         displaced[:, places] = (answer * twice)[:, [place + 1 for place in places]]
         moved[:, places] = MEAN_SHARE * displaced[:, places]
+        turned = self._turned_unseen(values, moved, by_w)
         seen = of_z @ np.concatenate([moved, moved[-1:]])
-        return np.sqrt(np.sum(seen**2, axis=2)), np.sqrt(np.sum(displaced**2, axis=2))
+        return np.sqrt(np.sum(seen**2, axis=2)), np.sqrt(np.sum(displaced**2, axis=2) + turned**2)
+
+    def _turned_unseen(self, values: Mapping[str, float], moved: Array, by_w: Array) -> Array:
+        """(n-1, nz) deviation of the states because nobody knows when a dry friction turned round.
+
+        A rate that swings by sigma unseen, and is near zero, passes it sigma/|rate'| earlier or later: for so long the
+        whole friction, twice its level, may have been on the other side.
+        """
+        c, n = self.composite, len(self.z) - 1
+        call, rates, total = dry_frictions_of(c), range(1, 2 * c.nq, 2), np.zeros((n, c.nz))
+        if call is None:
+            return total
+        told = call(self.z[:-1, : c.nx].T, self.inputs(values)[0].T, self.stretch.t[None, :-1], c.vector(values)).full()
+        forces = [self.stretch.plant.disturbed.index(q) for q in self.stretch.plant.coordinates]
+        for one in np.split(told.T, len(told) // (1 + c.nq), axis=1):
+            level, along = one[:, 0], one[:, 1:]
+            before, after = (np.sum(along * self.z[nodes][:, rates], axis=1) for nodes in (slice(n), slice(1, n + 1)))
+            swing = np.linalg.norm(np.einsum("kq,kqu->ku", along, moved[:, rates]), axis=1)
+            least, most = np.sort(np.abs([before, after]), axis=0)
+            turns = ((before * after <= 0.0) | (least < SWINGS * swing)) & (most > swing)
+            share = np.where(turns, swing / np.maximum(np.abs(after - before) + swing, LEAST), 0.0)
+            answer = np.einsum("kzq,kq->kz", by_w[:, :, forces], along)
+            total += (2.0 * level * share)[:, None] ** 2 * answer**2
+        return np.asarray(np.sqrt(total))
 
     def _behind(self, values: Mapping[str, float]) -> tuple[Lagged, ...]:
         """What lags where the stretch begins: a torque that was another one before, a reading by time times rate.
