@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from diagnose.confirming import FRICTION, SIZE, confirmed, named_with, recorded
 from diagnose.madeup import shipped_plant, stretch_with
-from diagnose.test_confirmation import FRICTION, SIZE, confirmed, named_with, recorded
 
 from hoopd.diagnose.proof import confirmation as confirmation_module
 from hoopd.diagnose.proof import training_windows
