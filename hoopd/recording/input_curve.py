@@ -22,6 +22,7 @@ Rules of this file: numbers only; scipy is not imported before there is a smooth
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,8 @@ Array = NDArray[np.float64]
 STAIRS, MOST_LEFT = (1, 2, 4, 8), 0.05
 # Nodes nearer than this are one: a tick's clock is read to a microsecond.
 SAME_S = 1e-6
-# Rows farther apart, in usual steps, have others missing between them; much farther, they know nothing of each other.
-MOST_APART, UNKNOWN_APART = 1.5, 5.5
+# Rows farther apart, in usual steps, have others missing between them; over so many nobody knows what was there.
+MOST_APART, GAP_STEPS = 1.5, 5.5
 
 
 class InputCurve:
@@ -42,8 +43,16 @@ class InputCurve:
     def __init__(self, switch: Array, u: Array, hold: str) -> None:
         """`switch` (n,) s: when each of the values `u` (n,) is there; `hold` as of a signal."""
         self._switch, self._u, self._hold = switch, u, hold
-        integrals = {"smooth": _smooth, "mean": _averaged}
-        self._sum = integrals.get(hold, _straight)(switch, u) if len(u) > 2 else _straight(switch, u)
+
+    @property
+    def _is_curve(self) -> bool:
+        """Whether rows leave open what it did between them: it is neither held nor straight."""
+        return self._hold in _CURVES and len(self._u) > 2
+
+    @cached_property
+    def _sum(self) -> Callable[[Array], Array]:
+        """Its integral, where it is not held."""
+        return (_CURVES[self._hold] if self._is_curve else _straight)(self._switch, self._u)
 
     @property
     def corners(self) -> Array:
@@ -73,21 +82,28 @@ class InputCurve:
 
         Of what is held, or goes straight as a generator makes it, nothing is left open.
         """
-        if self._hold not in ("smooth", "mean") or len(self._u) < 3:
+        if not self._is_curve:
             return np.zeros((len(t) - 1, 2))
         h = np.diff(self._switch)
         squares = np.pad((np.diff(self._u, 2) / 4.0) ** 2 / 2.0, 1, mode="edge")
         s = np.sqrt((squares[:-1] + squares[1:]) / 2.0)
         interval = np.searchsorted(self._switch, t[:-1] + SAME_S, side="right") - 1
         interval = np.clip(interval, 0, len(h) - 1)
-        # 1/w = h/pi; a = s sqrt(2), and each part of an interval has its part of the variance
-        share = np.sqrt(np.diff(t) / h[interval])
-        found = np.column_stack([s * h / np.pi, s * h**2 / (np.sqrt(2.0) * np.pi)])[interval]
-        return np.asarray(found * np.column_stack([np.ones(len(share)), share]))
+        # 1/w = h/pi; a = s sqrt(2)
+        whole = np.column_stack([s * h / np.pi, s * h**2 / (np.sqrt(2.0) * np.pi)])
+        return unresolved_in_parts(whole[interval], np.diff(t) / h[interval])
 
     def _divided(self, count: int) -> Array:
         rows = np.arange(len(self._switch))
         return np.interp(np.arange((len(rows) - 1) * count + 1) / count, rows, self._switch)
+
+
+def unresolved_in_parts(whole: Array, share: Array) -> Array:
+    """What is left open in parts (n,) of intervals, told what is in the whole ones (n, ..., 2): each part has its part
+    of the variance by which an interval displaces."""
+    found = whole.copy()
+    found[..., 1] *= np.sqrt(share).reshape(-1, *[1] * (whole.ndim - 2))
+    return found
 
 
 def _smooth(switch: Array, u: Array) -> Callable[[Array], Array]:
@@ -137,6 +153,9 @@ def _straight(switch: Array, u: Array) -> Callable[[Array], Array]:
     return integral
 
 
+_CURVES = {"smooth": _smooth, "mean": _averaged}
+
+
 def deaveraged(t: Array, means: Array) -> Array:
     """(n,) values at times t (n,) of what is known by means, each about its own time and as long as its step, or as
     usual where its neighbours are missing.
@@ -148,7 +167,7 @@ def deaveraged(t: Array, means: Array) -> Array:
     before, after = np.diff(t)[:-1], np.diff(t)[1:]
     slopes = np.diff(means) / np.diff(t)
     usual, widest = float(np.median(np.diff(t))), np.maximum(before, after)
-    bend = np.where(widest <= UNKNOWN_APART * usual, 2.0 * np.diff(slopes) / (before + after), 0.0)
+    bend = np.where(widest <= GAP_STEPS * usual, 2.0 * np.diff(slopes) / (before + after), 0.0)
     # at the ends the bend of the next one
     bend = np.pad(bend, 1, mode="edge")
     length = np.pad(np.where(widest <= MOST_APART * usual, (before + after) / 2.0, usual), 1, mode="edge")

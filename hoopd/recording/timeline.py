@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.input_curve import SAME_S, InputCurve, deaveraged
+from hoopd.recording.input_curve import GAP_STEPS, SAME_S, InputCurve, deaveraged
 from hoopd.recording.recording import Column, Recording
 from hoopd.recording.spans import spans
 from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
@@ -25,8 +25,6 @@ __all__ = ["SAME_S", "TIMES", "ChannelNodes", "Timeline", "driven", "switch_time
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Over so many steps without a row nobody knows the inputs.
-GAP_STEPS = 5.5
 # Steps to each side that say what is usual: fewer than a part of a recording has, more than a pause.
 NEIGHBOURS = 10
 # The daemon's modes in which its drive turns the hoop; in the others a hand may hold hoop or ball.

@@ -88,11 +88,23 @@ def test_a_name_that_is_not_denied_is_not_exchanged(fits: tuple[HypothesisFit, H
     assert named.final is fits[1]
 
 
+def two_names(both: tuple[str, str], accepted: str) -> tuple[Any, Any, Any, Any]:
+    """Fits with none, one and both of two names, these played on held-out data, both as named, and what plays them."""
+    made: Any = {
+        names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={})
+        for names in ((), ("a",), ("b",), both)
+    }
+    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    named: Any = SimpleNamespace(
+        base=made[()], final=made[both], accepted=[SimpleNamespace(effect=_effect(name)) for name in accepted],
+        losses={"a": 40.0, "b": 15.0}, without={"a": made["b",], "b": made["a",]}, others=[],
+    )  # fmt: skip
+    return made, shown, named, SimpleNamespace(played_of=lambda found: shown[found.names])
+
+
 def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Taken out again neither of two is denied; the one with less evidence is, beside the other."""
-    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
-        (), ("a",), ("b",), ("a", "b"))}  # fmt: skip
-    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    made, shown, named, held = two_names(("a", "b"), accepted="ba")
     asked = []
 
     def denied(before: Any, after: Any, *_: Any) -> Denial | None:
@@ -105,12 +117,6 @@ def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeyp
 
     monkeypatch.setattr(confirmation_module, "denial", denied)
     monkeypatch.setattr(confirmation_module, "lowered", lambda *_: {"x": 1.5})
-    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
-    named: Any = SimpleNamespace(
-        base=made[()], final=made["a", "b"], accepted=[two, one], losses={"a": 40.0, "b": 15.0},
-        without={"a": made["b",], "b": made["a",]}, others=[],
-    )  # fmt: skip
-    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
     fits = {"base": shown[()], "named": shown["a", "b"], "without a": shown["b",], "without b": shown["a",]}
     found = confirmation_module._of_names(named, held, fits, 0)
     assert asked[2:] == [((), ("a",)), (("a",), ("a", "b"))]  # most evidence first
@@ -119,21 +125,13 @@ def test_names_that_together_are_worse_than_none_are_taken_up_one_by_one(monkeyp
 
 def test_of_two_denied_names_that_stand_in_for_each_other_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each is denied beside the other; without both, held-out data are worse than with both."""
-    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
-        (), ("a",), ("b",), ("a", "b"))}  # fmt: skip
-    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    made, shown, named, held = two_names(("a", "b"), accepted="ba")
     monkeypatch.setattr(
         confirmation_module, "denial", lambda before, *_: Denial({"x": 2.0}) if before.fit.names else None
     )
     monkeypatch.setattr(
         confirmation_module, "lowered", lambda before, after, *_: {"x": 9.0} if before.fit.names else {}
     )
-    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
-    named: Any = SimpleNamespace(
-        base=made[()], final=made["a", "b"], accepted=[two, one], losses={"a": 40.0, "b": 15.0},
-        without={"a": made["b",], "b": made["a",]}, others=[],
-    )  # fmt: skip
-    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
     fits = {"base": shown[()], "named": shown["a", "b"], "without a": shown["b",], "without b": shown["a",]}
     found = confirmation_module._of_names(named, held, fits, 0)
     assert found.kept is made["a",] and [*found.denials] == ["b"]
@@ -141,9 +139,7 @@ def test_of_two_denied_names_that_stand_in_for_each_other_one_stays(monkeypatch:
 
 def test_a_name_that_costs_something_alone_is_asked_again_beside_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is denied alone and not beside the second; nothing is asked twice of the same."""
-    made = {names: SimpleNamespace(names=names, effects=tuple(_effect(n) for n in names), values={}) for names in (
-        (), ("a",), ("b",), ("b", "a"))}  # fmt: skip
-    shown: Any = {names: SimpleNamespace(fit=one) for names, one in made.items()}
+    made, shown, named, held = two_names(("b", "a"), accepted="ab")
     asked = []
 
     def denied(before: Any, after: Any, *_: Any) -> Denial | None:
@@ -151,12 +147,6 @@ def test_a_name_that_costs_something_alone_is_asked_again_beside_what_is_kept(mo
         return Denial({"x": 2.0}) if asked[-1] == ((), ("a",)) else None
 
     monkeypatch.setattr(confirmation_module, "denial", denied)
-    one, two = (SimpleNamespace(effect=_effect(name)) for name in "ab")
-    named: Any = SimpleNamespace(
-        base=made[()], final=made["b", "a"], accepted=[one, two], losses={"a": 40.0, "b": 15.0},
-        without={"a": made["b",], "b": made["a",]}, others=[],
-    )  # fmt: skip
-    held: Any = SimpleNamespace(played_of=lambda found: shown[found.names])
     found = confirmation_module._taken_up(named, held, {"base": shown[()]}, 0)
     assert asked == [((), ("a",)), ((), ("b",)), (("b",), ("b", "a"))]
     assert found.kept is made["b", "a"] and not found.denials

@@ -81,25 +81,24 @@ def next_experiment(
 
 def expectations(pair: Pair, seed: int = 0) -> list[Expected]:
     """Every entry of the menu, in its order."""
-    known = rows_of_recordings(pair)
-    members = [member for member, _ in known.rivals]
-    return _expected(pair, known, members, lambda every: nats_apart(every)[pair.rival.name], seed)
+    return _expected(pair, None, lambda every: nats_apart(every)[pair.rival.name], seed)
 
 
 def expected_to_show(pair: Pair, seed: int = 0) -> list[Expected]:
     """Every entry of the menu, and the nats that it adds to what the recordings say of the pair's effect alone."""
-    return _expected(pair, rows_of_recordings(pair, []), [], nats_seen, seed)
+    return _expected(pair, [], nats_seen, seed)
 
 
 def _expected(
-    pair: Pair, known: Rows, members: Sequence[Member], counted: Callable[[Sequence[Rows]], float], seed: int
+    pair: Pair, rivals: Sequence[Effect] | None, counted: Callable[[Sequence[Rows]], float], seed: int
 ) -> list[Expected]:
-    """`counted`: nats of some recordings' rows together."""
+    """`rivals`: others than the pair's; `counted`: nats of some recordings' rows together."""
     track = _stage(pair)
     if track is None:
         return []
     period, values = float(np.median(track.stretch.h)), _values_of_next(pair)
-    before = counted([known])
+    known = rows_of_recordings(pair, rivals)
+    before, members = counted([known]), [member for member, _ in known.rivals]
     every = entries(track.composite, {**track.composite.values, **values_of(NEXT, values)}, period, seed)
     return [Expected(one, counted([known, rows_of_entry(pair, one, members)]) - before) for one in every]
 

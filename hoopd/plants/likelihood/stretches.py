@@ -18,6 +18,7 @@ from hoopd.plants.effects.usual_sizes import time_scale
 from hoopd.plants.held_input import mean_torque
 from hoopd.plants.plant_with_effects import BACK_STEPS, LONGEST_STEP_S
 from hoopd.plants.scales import motion_scale
+from hoopd.recording.input_curve import unresolved_in_parts
 
 Array = NDArray[np.float64]
 
@@ -134,11 +135,9 @@ def stretch_of(
     before = np.clip(np.searchsorted(t, cut[:-1], side="right") - 1, 0, len(u) - 1)
     held = u[before]
     first, others = (held, np.zeros((len(held), 0))) if held.ndim == 1 else (held[:, 0], held[:, 1:])
-    open_inputs = np.zeros((0, 0, 2)) if unresolved is None else unresolved[before]
+    open_inputs = np.zeros((0, 0, 2))
     if unresolved is not None:
-        # each part of a step has its part of the variance by which the step displaces
-        share = np.sqrt(np.diff(cut) / np.diff(t)[before])
-        open_inputs = open_inputs * np.stack([np.ones(len(share)), share], axis=1)[:, None, :]
+        open_inputs = unresolved_in_parts(unresolved[before], np.diff(cut) / np.diff(t)[before])
     return Stretch(recording, plant, cut, first, y, others=others, unresolved=open_inputs)
 
 

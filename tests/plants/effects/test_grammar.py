@@ -64,12 +64,11 @@ def test_memory_follows_its_rates(memory: MemoryLaw) -> None:
     assert np.ptp(expected) > 0.05
 
 
-def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
-    """A small input is later than a large one, and the lateness is that of the states that the model integrates."""
-    (memory,) = [one for one in MEMORIES if one.name == "hesitation"]
-    u = np.array([0.0, 0.02, -0.02, 0.5, 0.5, -0.5])
-    constants, h, parts = {"v0": 0.1}, 0.02, 2000
-    z, means = u[0], []
+def means_until_the_next(
+    memory: MemoryLaw, u: np.ndarray, constants: dict[str, float], h: float, begin: float, parts: int = 2000
+) -> np.ndarray:
+    """(n,) of an input that is held, what the model's one state makes of each sample, the mean until the next one."""
+    z, means = begin, []
     for now in u:
         told = []
         for _ in range(parts):
@@ -77,8 +76,17 @@ def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
             (slope,) = memory.rates(np, [z], now, 0.0, constants, h / PARTS)
             z += h / parts * slope
         means.append(np.mean(told))
+    return np.array(means)
+
+
+def test_what_is_held_is_late_by_its_mean_until_the_next_sample() -> None:
+    """A small input is later than a large one, and the lateness is that of the states that the model integrates."""
+    (memory,) = [one for one in MEMORIES if one.name == "hesitation"]
+    u = np.array([0.0, 0.02, -0.02, 0.5, 0.5, -0.5])
+    constants, h = {"v0": 0.1}, 0.02
+    means = means_until_the_next(memory, u, constants, h, begin=u[0])
     found = memory.along(u, u, np.arange(len(u)) * h, constants)
-    assert found == pytest.approx(np.array(means), abs=0.02 * np.abs(means).max())
+    assert found == pytest.approx(means, abs=0.02 * np.abs(means).max())
     assert abs(found[1]) / 0.02 > 50.0 * abs(found[5]) / 1.0
 
 
@@ -88,17 +96,10 @@ def test_what_is_late_in_one_direction_is_so_by_its_mean_until_the_next_sample(n
     """The recursion is the mean of what the model integrates, also where a large step goes through zero."""
     (memory,) = [one for one in MEMORIES if one.name == name]
     u = np.array([0.03, 0.02, 0.04, -0.03, -0.01, -0.01, 0.05, 0.0, 0.5, -0.1, 0.0])
-    constants, h, parts = {"T": time_s}, 0.02, 4000
-    z, means = 0.0, []
-    for now in u:
-        told = []
-        for _ in range(parts):
-            told.append(memory.value(np, [z], now, constants))
-            (slope,) = memory.rates(np, [z], now, 0.0, constants, h / PARTS)
-            z += h / parts * slope
-        means.append(np.mean(told))
+    constants, h = {"T": time_s}, 0.02
+    means = means_until_the_next(memory, u, constants, h, begin=0.0, parts=4000)
     found = memory.along(u, u, np.arange(len(u)) * h, constants)
-    assert found[:-1] == pytest.approx(np.array(means)[:-1], abs=2e-3 * np.abs(means).max())
+    assert found[:-1] == pytest.approx(means[:-1], abs=2e-3 * np.abs(means).max())
     assert np.ptp(found) > 1e-3
     late = {other.name: other.along(u, u, np.arange(len(u)) * h, constants) for other in ONE_WAY}
     # each is late or its opposite is

@@ -284,8 +284,7 @@ class Mechanism:
         """Of what is divided by its own time, no shorter a time than its states have."""
         if self.memory is None or not self.memory.is_rate:
             return constants
-        return {**constants, "T": ops.maximum(constants["T"], self.shortest_s) if ops is np
-                else ops.fmax(constants["T"], self.shortest_s)}  # fmt: skip
+        return {**constants, "T": ops.fmax(constants["T"], self.shortest_s)}
 
     def _level(self, s: Point, e: Any) -> Any:
         level = e.A * ca.fmax(self._law_at(s, e), 0.0)
