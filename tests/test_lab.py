@@ -20,8 +20,7 @@ from hoopd.design.margins import margins
 from hoopd.design.weights import Weights
 from hoopd.files.controller import load_controller
 from hoopd.files.shipped import defaults_folder
-from hoopd.plants.hoop.fitting.fit import FitSettings
-from hoopd.plants.hoop.fitting.fit import fit as fit_parameters
+from hoopd.plants.hoop.fitting.fit import FitSettings, fit as fit_parameters
 from hoopd.plants.hoop.fitting.fit_percent import score
 from hoopd.plants.hoop.loop.closed_loop import Scenario, picture_timing
 from hoopd.plants.hoop.loop.trial import run as closed

@@ -33,8 +33,7 @@ from hoopd.commands.options.trajectory import TrajectoryOptions  # noqa: E402
 from hoopd.commands.trajectory import planned  # noqa: E402
 from hoopd.core.records import TickRecord  # noqa: E402
 from hoopd.daemon.app import Options  # noqa: E402
-from hoopd.daemon.maneuver import AskedManeuver  # noqa: E402
-from hoopd.daemon.maneuver import run as play  # noqa: E402
+from hoopd.daemon.maneuver import AskedManeuver, run as play  # noqa: E402
 from hoopd.daemon.recording_target import Where  # noqa: E402
 from hoopd.files.model import Parameter, model_text  # noqa: E402
 from hoopd.files.shipped import defaults_folder  # noqa: E402

@@ -12,8 +12,7 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.layout import layout_of
 from hoopd.recording.edit import aged
 from hoopd.recording.recording import Recording
-from hoopd.recording.slices import finite
-from hoopd.recording.slices import read_recording as read_slice
+from hoopd.recording.slices import finite, read_recording as read_slice
 from hoopd.recording.tables import MAX_ROWS
 
 HOOP_TICK_S = 0.02

@@ -16,8 +16,7 @@ from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.commands.run_options import run_options
 from hoopd.commands.trajectory import plan_on, planned
 from hoopd.daemon.app import Options
-from hoopd.daemon.maneuver import AskedManeuver, filter_model, recorded_maneuvers, recorded_throws
-from hoopd.daemon.maneuver import run as play
+from hoopd.daemon.maneuver import AskedManeuver, filter_model, recorded_maneuvers, recorded_throws, run as play
 from hoopd.daemon.recording_target import Where
 from hoopd.files.model import EffectEntry, ModelFile, Parameter
 from hoopd.files.reading import InputError, read_text

@@ -28,8 +28,7 @@ from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.smoothed_attempt import SmoothedAttempt, smoothed_attempt
 from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.daemon.app import Options
-from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver
-from hoopd.daemon.maneuver import run as play
+from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver, run as play
 from hoopd.daemon.recording_target import Where
 from hoopd.files.correction import (
     LEARNED,

@@ -38,8 +38,7 @@ ALIVE_S = 1.0
 
 def ask(request: dict[str, Any], config: Path | None, sets: Sequence[str]) -> dict[str, Any]:
     """The daemon's answer; InputError where there is no daemon or it refuses."""
-    from hoopd.shell import config as configuration
-    from hoopd.shell import operator
+    from hoopd.shell import config as configuration, operator
 
     settings = configuration.load_to_ask(config, list(sets))
     try:

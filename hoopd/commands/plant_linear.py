@@ -64,8 +64,7 @@ def run(options: LinearizeOptions) -> dict[str, Any]:
     if not inputs:  # python-control's one input stands for none
         result["notes"] = [note for note in result["notes"] if not note.endswith("is not moved by nothing")]
     if options.figure is not None and inputs:
-        from hoopd.plots import linear as drawings
-        from hoopd.plots import style
+        from hoopd.plots import linear as drawings, style
 
         draw = drawings.DRAWINGS[options.plot or "overview"]
         one = channel(first, system.output_labels[0])

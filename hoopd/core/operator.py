@@ -13,8 +13,7 @@ from typing import Any, Protocol
 from hoopd.core.health import Health
 from hoopd.core.modes import ENERGISED, REVOKING, Event, Mode, mode_words
 from hoopd.core.records import Command
-from hoopd.core.succession import NAMES as CHANGES
-from hoopd.core.succession import TRIAL, Succession
+from hoopd.core.succession import NAMES as CHANGES, TRIAL, Succession
 
 # What the board itself has latched goes only by a clearing request, so that an arm may wait this long for it.
 WISH_TICKS = 10

@@ -29,8 +29,7 @@ from hoopd.files.installed_versions import installed_versions
 from hoopd.files.reading import InputError
 from hoopd.plants.model_file import load_model
 from hoopd.recording.mcap import Header
-from hoopd.shell import config as configuration
-from hoopd.shell import descriptors, log, signals
+from hoopd.shell import config as configuration, descriptors, log, signals
 from hoopd.shell.camera import CameraThread
 from hoopd.shell.clock import wall_zero_ns
 from hoopd.shell.commands import NO_CONTROL, Gate, Ranges

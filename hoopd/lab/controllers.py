@@ -26,8 +26,7 @@ from hoopd.design.weights import Weights
 from hoopd.files.controller import ControllerFile, load_controller, parse_controller
 from hoopd.files.shipped import defaults_folder, way_to
 from hoopd.files.whole_files import replace_file
-from hoopd.lab.models import Model, as_model, check_of_hoop, model_of, shipped
-from hoopd.lab.models import model as load_model
+from hoopd.lab.models import Model, as_model, check_of_hoop, model as load_model, model_of, shipped
 from hoopd.lab.pictures import Picture
 from hoopd.lab.plant_controllers import DesignedPlant
 from hoopd.plants.declaration import Plant

@@ -18,8 +18,7 @@ from hoopd.lab.controllers import Controller, as_controller
 from hoopd.lab.models import Model, as_model
 from hoopd.lab.pictures import Picture
 from hoopd.plants.hoop.loop.closed_loop import ClosedLoopRun, LinearPlant, Scenario, picture_timing
-from hoopd.plants.hoop.loop.trial import figures_of
-from hoopd.plants.hoop.loop.trial import run as closed
+from hoopd.plants.hoop.loop.trial import figures_of, run as closed
 from hoopd.plots.loops import draw_runs
 
 Array = NDArray[np.float64]

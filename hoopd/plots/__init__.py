@@ -9,13 +9,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hoopd.plots.model_plots import bode as bode
-    from hoopd.plots.model_plots import compare_plot as compare_plot
-    from hoopd.plots.model_plots import impulse as impulse
-    from hoopd.plots.model_plots import plot as plot
-    from hoopd.plots.model_plots import pzmap as pzmap
-    from hoopd.plots.model_plots import resid as resid
-    from hoopd.plots.model_plots import step as step
+    from hoopd.plots.model_plots import (
+        bode as bode,
+        compare_plot as compare_plot,
+        impulse as impulse,
+        plot as plot,
+        pzmap as pzmap,
+        resid as resid,
+        step as step,
+    )
 
 __all__ = ["bode", "compare_plot", "impulse", "plot", "pzmap", "resid", "step"]
 

@@ -25,8 +25,7 @@ import msgspec
 from hoopd.core.modes import ENERGISED
 from hoopd.core.operator import FOLLOWED, SPEED
 from hoopd.core.records import Command, TickRecord
-from hoopd.core.succession import ACCEPT, LOADED, REVERT
-from hoopd.core.succession import NAMES as CHANGES
+from hoopd.core.succession import ACCEPT, LOADED, NAMES as CHANGES, REVERT
 from hoopd.core.tick import Note
 from hoopd.files.reading import InputError
 from hoopd.shell.helpers import start_helper

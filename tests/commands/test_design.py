@@ -13,8 +13,7 @@ from harness.rigrun import run_rig
 from samples import sampled
 from shared import shared_path
 
-from hoopd.commands import cli
-from hoopd.commands import design as command
+from hoopd.commands import cli, design as command
 from hoopd.commands.design_effects import sentence
 from hoopd.commands.design_options import poles_from, spec_from, weights_from
 from hoopd.commands.linear_tables import of_design

@@ -13,8 +13,7 @@ from hoopd.plants.free_run import FreeRun
 from hoopd.plants.plant_model import load_plant_model
 from hoopd.plants.registry import plant_named
 from tests.commands.test_plant import hoopd
-from tests.docs.made_slide import DRY_N
-from tests.docs.made_slide import made as carriage
+from tests.docs.made_slide import DRY_N, made as carriage
 from tests.docs.test_your_plant import the_file
 
 # The slide of the guide: a carriage with dry friction that its plant file does not know of.

@@ -7,8 +7,7 @@ from math import inf, nan, pi, tau
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hoopd.core.controllers import DONE, Lqg, LqgGains, Measurement, TransferFunctionController
 from hoopd.core.excitation import Excitation, ExcitationLimits, soft_factor

@@ -10,8 +10,7 @@ import control
 import numpy as np
 import pytest
 import scipy.signal
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hoopd.design.analysis import channel, linear_model, minimal
 from hoopd.design.delay import held

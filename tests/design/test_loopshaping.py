@@ -13,8 +13,7 @@ from hoopd.design.analysis import linear_model, minimal
 from hoopd.design.delay import held, sample_delay
 from hoopd.design.links import lag_link, lead_link, lead_link_at, lead_phase_deg, lead_ratio
 from hoopd.design.loop_shaping import loopshaping_pi, loopshaping_pid, peak_complementary, response_and_slope
-from hoopd.design.margins import margins
-from hoopd.design.margins import response as frequency_response
+from hoopd.design.margins import margins, response as frequency_response
 from hoopd.design.pid import Parallel, Series, Standard, pid, pid_two_degrees, to_parallel, to_series, to_standard
 from hoopd.ident.discretization import c2d, d2c
 from hoopd.ident.transfer_functions import transfer_function

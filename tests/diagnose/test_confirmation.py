@@ -12,9 +12,7 @@ from diagnose.confirming import FRICTION, LIMIT, PLANT, TILT, confirmed, named_w
 from diagnose.madeup import stretch_with
 
 from hoopd.diagnose.findings import heldout_nats, is_any_told, refused_of
-from hoopd.diagnose.proof import confirmation as confirmation_module
-from hoopd.diagnose.proof import denial as denials
-from hoopd.diagnose.proof import worse_channels
+from hoopd.diagnose.proof import confirmation as confirmation_module, denial as denials, worse_channels
 from hoopd.diagnose.proof.confirmation import HARDLY, Confirmation, confirmation, less_sure, of_all, reach, status_of
 from hoopd.diagnose.proof.denial import Denial, denial
 from hoopd.diagnose.proof.error_windows import error_windows, window_of_the_loss

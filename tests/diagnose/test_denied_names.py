@@ -13,8 +13,7 @@ from diagnose.confirming import FRICTION, PLANT, named_with, recorded
 from diagnose.examples import consistent, coulomb
 
 from hoopd.commands.diagnosed_model import flipped, left_out, outside
-from hoopd.diagnose.proof import confirmation as confirmation_module
-from hoopd.diagnose.proof import replacement
+from hoopd.diagnose.proof import confirmation as confirmation_module, replacement
 from hoopd.diagnose.proof.denial import Denial
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.replacement import replace_denied

@@ -15,8 +15,7 @@ from shared import shared_path
 
 from hoopd.diagnose.camera_faults import camera_faults
 from hoopd.diagnose.inputs import source_of
-from hoopd.diagnose.quality import recording_quality
-from hoopd.diagnose.quality import standstill as stops
+from hoopd.diagnose.quality import recording_quality, standstill as stops
 from hoopd.diagnose.quality.recording_quality import cleaned
 from hoopd.diagnose.quality.sensor_samples import clustered_error
 from hoopd.plants.free_run import FreeRun

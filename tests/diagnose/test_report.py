@@ -15,8 +15,7 @@ from diagnose.examples import EXAMPLES, HELDOUT, TRAIN, bad_data, consistent, co
 from diagnose.reports import Page, made, printed, squeezed
 
 from hoopd.diagnose.record import DataQuality, FitTable, Quantity, RecordingQuality
-from hoopd.diagnose.report import headline, plain_words, tables
-from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import headline, plain_words, sentences as words, tables
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report_curves import Comparison, MissingForce, Regressor, Shown, Strip, Trace
 from hoopd.plots.number_format import percent

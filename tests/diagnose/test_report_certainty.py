@@ -20,8 +20,7 @@ from hoopd.diagnose.record import (
     Quantity,
     RecordingQuality,
 )
-from hoopd.diagnose.report import headline, plain_words, table_notes, tables
-from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import headline, plain_words, sentences as words, table_notes, tables
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report.terminal import WIDTH, report_console
 from hoopd.diagnose.report_curves import Shown

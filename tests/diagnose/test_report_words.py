@@ -21,8 +21,7 @@ from hoopd.diagnose.record import (
     Quantity,
     Refused,
 )
-from hoopd.diagnose.report import headline, plain_words, table_notes, tables
-from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import headline, plain_words, sentences as words, table_notes, tables
 from hoopd.diagnose.report.page import page
 from hoopd.diagnose.report_curves import Shown
 from hoopd.plots.diagnosis import draw_candidates

@@ -9,8 +9,7 @@ import pytest
 from diagnose.confirming import FRICTION, SIZE, confirmed, named_with, recorded
 from diagnose.madeup import shipped_plant, stretch_with
 
-from hoopd.diagnose.proof import confirmation as confirmation_module
-from hoopd.diagnose.proof import training_windows
+from hoopd.diagnose.proof import confirmation as confirmation_module, training_windows
 from hoopd.diagnose.proof.training_windows import harm, reason_of, simulated_worse
 from hoopd.diagnose.search.naming import Named
 from hoopd.plants.effects.library import library

@@ -22,8 +22,7 @@ from hoopd.ident.data import Data, iddata
 from hoopd.ident.lagged import lagged_gram
 from hoopd.ident.loopchecks import answers, check_feedback
 from hoopd.ident.modelchecks import check_model, wald
-from hoopd.ident.models import Polynomials, innovations
-from hoopd.ident.models import state_space as realised
+from hoopd.ident.models import Polynomials, innovations, state_space as realised
 
 ORDERS = Orders(parameters=4, lags=3, lost=2)
 

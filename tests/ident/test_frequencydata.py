@@ -6,8 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from hoopd.ident import etfe
-from hoopd.ident import frequencydata as fd
+from hoopd.ident import etfe, frequencydata as fd
 from hoopd.ident.data import iddata
 
 W = np.geomspace(0.1, 20.0, 40)

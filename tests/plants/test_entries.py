@@ -7,8 +7,7 @@ import re
 import numpy as np
 import pytest
 from freeruns import DEVICE
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hoopd.plants.hoop.entries import (
     ENTRIES,
@@ -25,8 +24,7 @@ from hoopd.plants.hoop.entries import (
 )
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.thesis import ENTRIES_PRINTED as THESIS
-from hoopd.plants.hoop.thesis import TABLE_3_1 as TABLE
+from hoopd.plants.hoop.thesis import ENTRIES_PRINTED as THESIS, TABLE_3_1 as TABLE
 
 KINDS = ("rolling", "published")
 

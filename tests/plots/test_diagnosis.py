@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from hoopd.diagnose.record import Candidate, EffectFinding, Evidence, Quantity, Status, Visible
 from hoopd.diagnose.report_curves import Comparison, Strip, Trace
-from hoopd.plots import diagnosis as figures
-from hoopd.plots import diagnosis_curves as curves
+from hoopd.plots import diagnosis as figures, diagnosis_curves as curves
 
 
 def labels(figure: Figure) -> list[str]:

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 from harness.matlab_table import table
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
 
 from hoopd.files.reading import InputError

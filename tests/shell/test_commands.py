@@ -7,8 +7,7 @@ from collections import deque
 
 import pytest
 from harness.smallrig import healthy
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from shell.peers import wait_until
 
 from hoopd.core.records import Command

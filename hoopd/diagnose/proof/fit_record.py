@@ -10,8 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hoopd.diagnose.proof.fit_tables import Played, noise_floor, nrmse
-from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.record import Fits
+from hoopd.diagnose.record import Fit as Percent, Fits
 
 # Hypotheses that a table of fits has a column for.
 SHOWN = ("nominal", "base", "final", "ceiling", "written")

@@ -14,8 +14,7 @@ from hoopd.diagnose.proof.fit_tables import nrmse
 from hoopd.diagnose.proof.free_run_refinement import Refined
 from hoopd.diagnose.proof.free_run_selection import Selected, Selection
 from hoopd.diagnose.proof.free_runs import HELD_OUT
-from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.record import Fits, FreeRunChoice, FreeRunEffect, Quantity
+from hoopd.diagnose.record import Fit as Percent, Fits, FreeRunChoice, FreeRunEffect, Quantity
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.stretches import Stretch

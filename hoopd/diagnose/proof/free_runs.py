@@ -13,8 +13,7 @@ import numpy as np
 from hoopd.diagnose.proof.fit_tables import noise_floor, nrmse
 from hoopd.diagnose.proof.free_run_refinement import Refined, refine
 from hoopd.diagnose.proof.simulation import Simulated
-from hoopd.diagnose.record import Fit as Percent
-from hoopd.diagnose.record import Fits
+from hoopd.diagnose.record import Fit as Percent, Fits
 from hoopd.diagnose.search.candidates import free_of_recordings
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.reference_track import Track

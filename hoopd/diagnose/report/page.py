@@ -10,12 +10,10 @@ from collections.abc import Callable, Sequence
 
 from hoopd.diagnose.record import Diagnosis, Quantity
 from hoopd.diagnose.record_file import canonical
-from hoopd.diagnose.report import headline, plain_words, table_notes, tables
-from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import headline, plain_words, sentences as words, table_notes, tables
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
 from hoopd.diagnose.report_curves import Comparison, Harmonics, MissingForce, Shown
-from hoopd.plots import diagnosis as figures
-from hoopd.plots import diagnosis_curves as curves
+from hoopd.plots import diagnosis as figures, diagnosis_curves as curves
 from hoopd.plots.number_format import listed, nats
 
 FITS = "NRMSE percent, 100 is perfect, in {windows}; each starts from its own estimated state."

@@ -16,8 +16,7 @@ from rich.text import Text
 
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import canonical
-from hoopd.diagnose.report import headline, plain_words, table_notes, tables
-from hoopd.diagnose.report import sentences as words
+from hoopd.diagnose.report import headline, plain_words, sentences as words, table_notes, tables
 from hoopd.diagnose.report.tables import Table
 from hoopd.plots.number_format import safe
 

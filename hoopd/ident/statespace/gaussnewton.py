@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations
-from hoopd.ident.damped_least_squares import minimise as least_squares
+from hoopd.ident.damped_least_squares import Damping, Ends, NormalEquations, minimise as least_squares
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.coordinates import Freedom

@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsEliminated
-from hoopd.ident.damped_least_squares import minimise as least_squares
+from hoopd.ident.damped_least_squares import Damping, Ends, Starts, StartsEliminated, minimise as least_squares
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from freeruns import DEVICE
 from hoopd.plants.hoop.entries import ENTRIES, combinations_of, constraint_misfit, entries_of
 from hoopd.plants.hoop.fitting.entry_constraints import constraint_sd, constraint_words, reproduces
 from hoopd.plants.hoop.fitting.physical_parameters import Known, physical_from_entries, quantity, quantity_sd
-from hoopd.plants.hoop.thesis import ENTRIES_PRINTED as THESIS
-from hoopd.plants.hoop.thesis import second_step, table_words
+from hoopd.plants.hoop.thesis import ENTRIES_PRINTED as THESIS, second_step, table_words
 
 START = {**DEVICE, "mb": 0.04, "Ro": 0.12, "Rb": 0.012, "Ib": 2e-6, "Ih": 1e-3, "bb": 1e-6, "bh": 2e-4}
 KINDS = ("rolling", "published")

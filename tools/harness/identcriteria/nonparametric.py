@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from hoopd.ident import ar, arma, bases, conditioning, excitation, fit_basis, signals
-from hoopd.ident import frequencydata as fd
+from hoopd.ident import ar, arma, bases, conditioning, excitation, fit_basis, frequencydata as fd, signals
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.doubts import IdentificationWarning
 from hoopd.ident.filtering import prefilter, resample

@@ -18,6 +18,7 @@ from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.axes import (
     CLOCK,
+    FORCE as FORCE_KIND,
     POSITION,
     RATE,
     Axis,
@@ -34,7 +35,6 @@ from hoopd.plants.effects.grammar.axes import (
     squared,
     state,
 )
-from hoopd.plants.effects.grammar.axes import FORCE as FORCE_KIND
 from hoopd.plants.effects.grammar.mechanism import (
     FORCE,
     READING,

@@ -22,8 +22,7 @@ from hoopd.plants.hoop.equations import ExtraForce
 from hoopd.plants.hoop.fitting.hoop_output_error import HoopSystem, fit_output_error
 from hoopd.plants.hoop.parameters import PARAMETER_UNITS
 from hoopd.plants.hoop.plant import HoopPlant
-from hoopd.plants.hoop.recordings.fit_data import STATES as COLUMNS
-from hoopd.plants.hoop.recordings.fit_data import channels_of, pieces, run_of
+from hoopd.plants.hoop.recordings.fit_data import STATES as COLUMNS, channels_of, pieces, run_of
 from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import SAME_S, TIMES, Timeline, timelines
