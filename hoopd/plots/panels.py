@@ -16,7 +16,7 @@ import numpy as np
 
 from hoopd.files.reading import InputError
 from hoopd.recording.pairs import ALIKE, RecordingPair, SignalDifference
-from hoopd.recording.recording import Column, Recording, Signal
+from hoopd.recording.recording import PAUSE_STEPS, Column, Recording, Signal
 from hoopd.recording.schemas import TICK
 
 # What the daemon's columns are called in a sentence.
@@ -36,8 +36,6 @@ WORDS: Final[Mapping[str, str]] = {
 }
 # Channel whose panel shows what was wanted of it.
 WANTED: Final = {"psi": "reference"}
-# A channel that is silent for so many of its usual steps has a gap: a camera comes every other tick, and misses one.
-GAP_STEPS: Final = 6.0
 # Of two recordings: what stands below a channel, and the colour's place after both.
 DIFFERENCE: Final = "second less first"
 NEITHER: Final = 2
@@ -222,7 +220,7 @@ def _with_gaps(t: Column, values: Column) -> tuple[Column, Column]:
     if len(t) < 3:
         return t, values
     steps = np.diff(t)
-    after = np.flatnonzero(steps > GAP_STEPS * float(np.median(steps))) + 1
+    after = np.flatnonzero(steps > PAUSE_STEPS * float(np.median(steps))) + 1
     return np.insert(t, after, 0.5 * (t[after - 1] + t[after])), np.insert(values, after, np.nan)
 
 

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.recording import Column, Recording
+from hoopd.recording.recording import MISSED_STEPS, Column, Recording
 from hoopd.recording.timeline import usual_steps
 from hoopd.recording.unwrap import jumps
-
-GAP_STEPS = 1.5
 
 
 def doubts(recording: Recording) -> list[str]:
@@ -39,7 +37,7 @@ def damaged(recording: Recording) -> Iterator[str]:
 def gaps(recording: Recording) -> Iterator[str]:
     """Missing rows."""
     steps = np.diff(recording.t)
-    long = steps[steps > GAP_STEPS * usual_steps(recording.t)]
+    long = steps[steps > MISSED_STEPS * usual_steps(recording.t)]
     if len(long):
         yield f"rows are missing at {len(long)} place{plural(long)}, the longest step is {long.max():.3g} s"
 

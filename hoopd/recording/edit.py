@@ -24,7 +24,7 @@ __all__ = ["aged", "between", "joined", "resampled", "shifted", "unwrapped", "wi
 
 MAX_AGE_S = 1.0  # older is a mistake in the unit
 JOINT_S = 1.0  # a picture taken 50 ms before its row must not come before the end of the recording before
-# Without an input nothing else ends a run than a pause (`input_curve.GAP_STEPS`), and the row of nothing is within it.
+# Without an input nothing else ends a run than a pause (`PAUSE_STEPS`), and the row of nothing is within it.
 JOINT_STEPS = 7
 
 

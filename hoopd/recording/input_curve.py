@@ -27,14 +27,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.recording.recording import MISSED_STEPS, PAUSE_STEPS
+
 Array = NDArray[np.float64]
 
 # Stairs between two rows: as few as leave at most this part of the input's spread between stairs and curve.
 STAIRS, MOST_LEFT = (1, 2, 4, 8), 0.05
 # Nodes nearer than this are one: a tick's clock is read to a microsecond.
 SAME_S = 1e-6
-# Rows farther apart, in usual steps, have others missing between them; over so many nobody knows what was there.
-MOST_APART, GAP_STEPS = 1.5, 5.5
 
 
 class InputCurve:
@@ -120,7 +120,7 @@ def _averaged(switch: Array, u: Array) -> Callable[[Array], Array]:
 
     step = np.diff(switch)
     usual = float(np.median(step))
-    hole = step > MOST_APART * usual
+    hole = step > MISSED_STEPS * usual
     half = np.where(hole, usual, step) / 2.0
     begins = switch - np.concatenate([half[:1], half])
     ends = switch + np.concatenate([half, half[-1:]])
@@ -167,8 +167,8 @@ def deaveraged(t: Array, means: Array) -> Array:
     before, after = np.diff(t)[:-1], np.diff(t)[1:]
     slopes = np.diff(means) / np.diff(t)
     usual, widest = float(np.median(np.diff(t))), np.maximum(before, after)
-    bend = np.where(widest <= GAP_STEPS * usual, 2.0 * np.diff(slopes) / (before + after), 0.0)
+    bend = np.where(widest <= PAUSE_STEPS * usual, 2.0 * np.diff(slopes) / (before + after), 0.0)
     # at the ends the bend of the next one
     bend = np.pad(bend, 1, mode="edge")
-    length = np.pad(np.where(widest <= MOST_APART * usual, (before + after) / 2.0, usual), 1, mode="edge")
+    length = np.pad(np.where(widest <= MISSED_STEPS * usual, (before + after) / 2.0, usual), 1, mode="edge")
     return np.asarray(means - length**2 / 24.0 * bend)

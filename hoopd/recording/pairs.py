@@ -7,19 +7,17 @@ their inputs agree best, and none where they do not agree: then they are no repe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from hoopd.files.reading import InputError
-from hoopd.recording.recording import Column, Recording, Signal
+from hoopd.recording.recording import PAUSE_STEPS, Column, Recording, Signal
 
 # Correlation of the inputs from which on they are the same signal, and the part of the shorter one that has to overlap.
 ALIKE, OVERLAP = 0.8, 0.5
 # Lags whose correlations are nearer to each other than this agree alike.
 SAME = 0.01
-# Between samples of the second that are so many of its usual steps apart nothing is known of it.
-GAP_STEPS: Final = 6.0
 # The ball's angle, told from -pi to pi or on and on.
 AGAIN_AFTER_A_TURN = frozenset({"psi"})
 LONGEST = 2**20  # samples that are correlated: six hours of ticks
@@ -154,7 +152,7 @@ def _difference(
     after = np.searchsorted(other_t, t + (step / 2 if held else 0.0), side="right" if held else "left")
     before, after = (np.clip(places, 0, len(other_t) - 1) for places in (after - 1, after))
     inside = (t >= other_t[0] - (step / 2 if held else 0.0)) & (t <= other_t[-1])
-    inside &= (other_t[after] - other_t[before] <= GAP_STEPS * step) | (other_t[after] == t)
+    inside &= (other_t[after] - other_t[before] <= PAUSE_STEPS * step) | (other_t[after] == t)
     there = other[before] if held else np.interp(t, other_t, np.unwrap(other) if turns else other)
     t, a, b = t[inside], values[inside], there[inside]
     off = np.arctan2(np.sin(b - a), np.cos(b - a)) if turns else b - a

@@ -26,6 +26,9 @@ Column = NDArray[np.float64]
 # one of which they are means.
 HOLDS = ("zero", "linear", "smooth", "mean")
 
+# Usual steps: rows farther apart have others missing between them, and over a pause nobody knows what was there.
+MISSED_STEPS, PAUSE_STEPS = 1.5, 5.5
+
 
 @dataclass(frozen=True, eq=False)
 class Signal:

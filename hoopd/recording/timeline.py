@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.recording.input_curve import GAP_STEPS, SAME_S, InputCurve, deaveraged
-from hoopd.recording.recording import Column, Recording
+from hoopd.recording.input_curve import SAME_S, InputCurve, deaveraged
+from hoopd.recording.recording import PAUSE_STEPS, Column, Recording
 from hoopd.recording.spans import spans
 from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
 from hoopd.recording.unwrap import unwrapped
@@ -69,7 +69,7 @@ def timelines(recording: Recording) -> list[Timeline]:
     whole = np.isfinite(recording.t) & driven(recording)
     for signal in recording.inputs.values():
         whole &= np.isfinite(signal.values)
-    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * usual_steps(recording.t)) + 1
+    cuts = np.flatnonzero(np.diff(recording.t) > PAUSE_STEPS * usual_steps(recording.t)) + 1
     stretches = [
         (int(c), int(d))
         for a, b in spans(whole)
@@ -108,7 +108,7 @@ def _timeline(recording: Recording, rows: slice) -> Timeline:
     )
     # what was seen before the first known input acted says nothing about this run, nor what comes long after its rows
     first = max(switch[0] for switch in switches.values()) - SAME_S
-    last = recording.t[rows][-1] + GAP_STEPS * float(np.median(np.diff(recording.t[rows])))
+    last = recording.t[rows][-1] + PAUSE_STEPS * float(np.median(np.diff(recording.t[rows])))
     t = _distinct(np.sort(times[(times >= first) & (times <= last)]))
     inputs = [one.between(t) for one in curves.values()]
     held = inputs[0] if len(inputs) == 1 else np.reshape(inputs, (len(inputs), len(t) - 1)).T

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 
+from hoopd.recording.recording import PAUSE_STEPS
+
 Array = NDArray[np.float64]
 
 # A torque that acts up to three ticks late: delay and lag of a drive at 50 Hz.
@@ -26,8 +28,6 @@ LAGS = 4
 RATIOS = np.geomspace(0.03, 120.0, 7)
 # Columns of the inverse this far apart do not see each other (at the largest ratio: 1e-3).
 APART = 12
-# Steps longer than this many usual ones: the course before says nothing of the course after.
-GAP_STEPS = 5.5
 # Nothing is known of a stretch without samples; its course must still have a number.
 NOTHING = 1e-9
 
@@ -50,9 +50,9 @@ class Differences:
         apart = (times[:, :, None] - times[:, None, :]) / mean[:, None, None] + np.eye(4)
         self.weights = 6.0 / apart.prod(axis=2)  # (n-3, 4)
         usual = float(np.median(np.diff(t)))
-        self.weights[np.diff(times, axis=1).max(axis=1) > GAP_STEPS * usual] = 0.0
+        self.weights[np.diff(times, axis=1).max(axis=1) > PAUSE_STEPS * usual] = 0.0
         # white noise in the jerk gives f[t0..t3] a variance of h^-1: 6 h^3 f one of h^5
-        self.growth = np.minimum(mean / usual, GAP_STEPS) ** 5  # (n-3,)
+        self.growth = np.minimum(mean / usual, PAUSE_STEPS) ** 5  # (n-3,)
         self.n = len(t)
 
     def of(self, x: Array) -> Array:

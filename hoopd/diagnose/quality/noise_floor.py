@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.recording.recording import MISSED_STEPS
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # A fourth difference needs five samples in a row; over a longer span the motion is no polynomial of third degree.
 POINTS = 5
-GAP_STEPS = 1.5
 # Errors beyond this many sigma are not noise; the factor gives the sigma of a normal distribution cut there.
 CLIP = 3.0
 CLIPPED = 0.98658
@@ -55,7 +56,7 @@ def _divided(t: Array, values: Array) -> Array:
     times = np.lib.stride_tricks.sliding_window_view(when, POINTS)
     usual = float(np.median(np.diff(when)))
     steps = np.diff(times, axis=1)
-    near = (steps.max(axis=1) < GAP_STEPS * usual) & (steps.min(axis=1) > 0.1 * usual)
+    near = (steps.max(axis=1) < MISSED_STEPS * usual) & (steps.min(axis=1) > 0.1 * usual)
     times, samples = times[near], np.lib.stride_tricks.sliding_window_view(y, POINTS)[near]
     # c_i = 1 / prod_j (t_i - t_j)
     apart = (times[:, :, None] - times[:, None, :]) / usual + np.eye(POINTS)

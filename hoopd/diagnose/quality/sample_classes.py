@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.channel_course import GAP_STEPS, Course, Differences, Explained, explained, leave_one_out
+from hoopd.diagnose.quality.channel_course import Course, Differences, Explained, explained, leave_one_out
 from hoopd.diagnose.quality.mixture import (
     FALSE_SIGMAS,
     State,
@@ -26,6 +26,7 @@ from hoopd.diagnose.quality.mixture import (
     standard_errors,
 )
 from hoopd.diagnose.quality.outliers import stretches
+from hoopd.recording.recording import PAUSE_STEPS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -85,7 +86,7 @@ def _long_gaps(values: Array) -> Mask:
     gap = np.zeros(len(values), dtype=bool)
     for first, last in stretches(~np.isfinite(values)):
         at_end = first == 0 or last == len(values) - 1
-        gap[first : last + 1] = at_end or last - first + 2 > GAP_STEPS
+        gap[first : last + 1] = at_end or last - first + 2 > PAUSE_STEPS
     return gap
 
 

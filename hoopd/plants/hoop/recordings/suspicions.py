@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.hoop.parameters import LIMIT_NM
-from hoopd.recording.doubts import GAP_STEPS, constant, damaged, finite, gaps, plural, wrapped
-from hoopd.recording.recording import Column, Recording
+from hoopd.recording.doubts import constant, damaged, finite, gaps, plural, wrapped
+from hoopd.recording.recording import MISSED_STEPS, Column, Recording
 from hoopd.recording.unwrap import unwrapped
 
 COUNT_RAD = 2 * math.pi / 4096  # one count of the encoder
@@ -151,7 +151,7 @@ def _jumps(t: Column, column: Column, floor: float) -> NDArray[np.int64]:
     if len(rows) < MIN_ROWS:
         return rows[:0]
     x, when = column[rows], t[rows]
-    near = when[2:] - when[:-2] < 2.0 * GAP_STEPS * float(np.median(np.diff(t)))
+    near = when[2:] - when[:-2] < 2.0 * MISSED_STEPS * float(np.median(np.diff(t)))
     share = (when[1:-1] - when[:-2]) / (when[2:] - when[:-2])
     away = np.where(near, np.abs(x[1:-1] - x[:-2] - share * (x[2:] - x[:-2])), 0.0)
     sigma = 1.4826 * float(np.median(away[near])) if near.any() else 0.0  # of a normal distribution with this median
