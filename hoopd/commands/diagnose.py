@@ -18,11 +18,12 @@ from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
 from hoopd.commands.plant_inputs import refuse_shared
+from hoopd.diagnose.case import Case, last_third
 from hoopd.diagnose.inputs import Source, source_of
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import to_json_bytes
 from hoopd.diagnose.report.plain_words import summary
-from hoopd.diagnose.run import Case, Outcome, diagnose, last_third
+from hoopd.diagnose.run import Outcome, diagnose
 from hoopd.diagnose.search.candidates import Settings
 from hoopd.files.memory import memory_bytes
 from hoopd.files.model import ModelFile

@@ -12,11 +12,12 @@ from typing import Any
 
 import msgspec
 
+from hoopd.diagnose.case import Case, stretches_of
+from hoopd.diagnose.counted_data import proving, training
 from hoopd.diagnose.inputs import source_of
 from hoopd.diagnose.proof.fit_record import fits_of
 from hoopd.diagnose.proof.fit_tables import played
 from hoopd.diagnose.record_file import to_plain, unwrapped
-from hoopd.diagnose.run import Case, proving, stretches_of, training
 from hoopd.diagnose.search.candidates import Judge, Settings, free_of_recordings
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.effects.base import Effect

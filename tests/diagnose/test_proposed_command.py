@@ -10,8 +10,9 @@ import typer
 from diagnose.examples import coulomb
 
 from hoopd.commands.cli import app
+from hoopd.diagnose.case import Case
 from hoopd.diagnose.proof.experiment_menu import command
-from hoopd.diagnose.run import Case, _played_where_recorded
+from hoopd.diagnose.run import _played_where_recorded
 from hoopd.plants.hoop.loop.experiment_plan import Plan
 
 

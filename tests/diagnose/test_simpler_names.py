@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 from diagnose.test_mechanisms import SLIDE, Law, bristles, recorded
 
-from hoopd.diagnose import run
+from hoopd.diagnose.case import Case
 from hoopd.diagnose.proof.ends_of_ranges import end_sentences
 from hoopd.diagnose.search import naming
 from hoopd.diagnose.search.candidates import Judge, Settings, Tried, surprise_of
@@ -16,6 +16,7 @@ from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, name_effects
 from hoopd.diagnose.search.screen import Score
 from hoopd.diagnose.search.simpler_names import tell_simply
+from hoopd.diagnose.searched import with_mechanisms
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import fit
@@ -63,8 +64,8 @@ def test_stribecks_friction_without_its_peak_is_coulombs(law: Law, name: str, mo
     train = days(law)
     found = started(train, [COULOMB, STRIBECK])
     assert found.final.names == (STRIBECK,)
-    case = run.Case("slide", SLIDE.values, (), (), FRICTIONS)
-    known = run._with_mechanisms(case, found, CountedData(train, train), [])
+    case = Case("slide", SLIDE.values, (), (), FRICTIONS)
+    known = with_mechanisms(case, found, CountedData(train, train), [])
     assert found.final.names == (name,) and found.accepted[0].effect is known[name]
     assert found.losses.keys() == found.without.keys() == {name}
     if name == COULOMB:

@@ -12,8 +12,8 @@ from math import log
 from typing import Any, NamedTuple
 
 from hoopd.commands.inputs import read_recording
+from hoopd.diagnose.case import last_third, stretches_of
 from hoopd.diagnose.inputs import source_of
-from hoopd.diagnose.run import last_third, stretches_of
 from hoopd.diagnose.search.bounded_disturbance import likeliest
 from hoopd.plants.declaration import Plant
 from hoopd.plants.likelihood.fitting import fit
