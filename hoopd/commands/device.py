@@ -42,7 +42,8 @@ def experiment(options: ExperimentOptions) -> None:
     from hoopd.daemon.recording_target import Where
     from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S, Plan
 
-    asked = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
+    given = {name: getattr(options, name) for name in Plan._fields if name not in ("duration_s", "ball")}
+    asked = {name: value for name, value in given.items() if value is not None}
     seconds = DURATIONS_S.get(options.kind, DURATION_S) if options.duration_s is None else options.duration_s
     plan = Plan(**asked, duration_s=seconds, ball=not options.no_ball)
     rig = run_options(options, arm=options.arm)

@@ -29,9 +29,10 @@ from hoopd.recording.tables import MAX_ROWS
 
 Array = NDArray[np.float64]
 
-# The sample time for which the options' usual times and frequencies are meant, s.
+# The sample time for which a plan's usual times and frequencies are meant, s.
 TICK_S = 0.02
-TIMES, FREQUENCIES = ("hold_s", "kick_s", "rest_s", "soft_start_s", "soft_end_s"), ("low_hz", "high_hz")
+TIMES, FREQUENCIES = ("hold_s", "kick_s", "rest_s"), ("low_hz", "high_hz")
+SOFT = ("soft_start_s", "soft_end_s")  # of the device alone: nobody tells them here
 # Of a signal's kind, the times that have to be a sample at least.
 HELD = {"steps": ("hold_s",), "decay": ("kick_s", "rest_s")}
 OF_A_DEVICE = (
@@ -104,15 +105,13 @@ def _operating_point(plant: Plant, text: str) -> dict[str, float]:
 
 def _plan(options: ExperimentOptions, plant: Plant) -> Plan:
     """The signal in the plant's own times and sizes."""
-    usual: dict[str, Any] = {one.name: one.default for one in fields(ExperimentOptions)}
     by = plant.time_scale_s / TICK_S
-    plan = Plan(**{name: getattr(options, name) for name in Plan._fields if hasattr(options, name)})
-    changes: dict[str, Any] = {}
-    for name in (*TIMES, *FREQUENCIES):
-        if getattr(options, name) == usual[name]:
-            changes[name] = usual[name] * (1.0 / by if name in FREQUENCIES else by)
+    usual: dict[str, Any] = Plan._field_defaults
+    asked = {name: getattr(options, name) for name in Plan._fields if hasattr(options, name) and name not in SOFT}
+    grown = {name: usual[name] * (1.0 / by if name in FREQUENCIES else by) for name in (*TIMES, *FREQUENCIES, *SOFT)}
+    plan = Plan(**grown | {name: value for name, value in asked.items() if value is not None})
     for name in HELD.get(options.kind, ()) if plant.inputs else ():
-        if not (seconds := changes.get(name, getattr(options, name))) >= plant.time_scale_s:
+        if not (seconds := getattr(plan, name)) >= plant.time_scale_s:
             reason = f"{seconds:g} s are less than a sample of {plant.name}, {plant.time_scale_s:g} s"
             raise InputError(option_name(ExperimentOptions, name), "", reason)
     usual_s = DURATIONS_S.get(options.kind, DURATION_S) * by
@@ -121,7 +120,7 @@ def _plan(options: ExperimentOptions, plant: Plant) -> Plan:
     if plant.inputs and abs(amplitude) > plant.limit:
         reason = f"{amplitude:g} is beyond the limit of {plant.inputs[0].name}, {plant.limit:g} {plant.force_unit}"
         raise InputError("--amplitude", "", reason)
-    return plan._replace(**changes, duration_s=seconds, amplitude_nm=amplitude)
+    return plan._replace(duration_s=seconds, amplitude_nm=amplitude)
 
 
 def _usual_amplitude(plant: Plant) -> float:

@@ -71,6 +71,8 @@ def _unit(m: int = 0, kg: int = 0, s: int = 0, a: int = 0, k: int = 0, factor: f
 PLAIN = Unit()
 ENERGY = _unit(2, 1, -2)
 
+# A kelvin in differences and slopes; as a temperature it counts from elsewhere, so that nothing converts between both.
+CELSIUS = ("degC", "°C")
 # With prefixes: mm, kN, mA ...
 _PREFIXED: Mapping[str, Unit] = {
     "m": _unit(m=1), "g": _unit(kg=1, factor=1e-3), "s": _unit(s=1), "A": _unit(a=1), "K": _unit(k=1),
@@ -82,6 +84,9 @@ _PREFIXED: Mapping[str, Unit] = {
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
 _ALONE: Mapping[str, Unit] = {
     "1": PLAIN, "%": Unit(factor=0.01), "deg": Unit(factor=math.pi / 180), "turn": Unit(factor=2 * math.pi),
+    "in": _unit(m=1, factor=0.0254), "ft": _unit(m=1, factor=0.3048), "lb": _unit(kg=1, factor=0.45359237),
+    "lbf": _unit(1, 1, -2, factor=4.4482216152605), "psi": _unit(-1, 1, -2, factor=6894.757293168),
+    **{name: _unit(k=1) for name in CELSIUS}, "°": Unit(factor=math.pi / 180),
     "rpm": _unit(s=-1, factor=2 * math.pi / 60), "min": _unit(s=1, factor=60.0), "h": _unit(s=1, factor=3600.0),
 }  # fmt: skip
 UNITS: Mapping[str, Unit] = MappingProxyType(
@@ -97,7 +102,7 @@ _COMMON = {UNITS[name].powers: name for name in ("N", "W", "Pa", "V", "ohm", "F"
     (ENERGY * UNITS["s"]).powers: "N m s",
     (UNITS["N"] * UNITS["s"] / UNITS["m"]).powers: "N s/m",
 }
-_TERM = re.compile(r"([A-Za-z]+|%|1)\^?(-?[0-9])?")
+_TERM = re.compile(r"(°C|°|[A-Za-z]+|%|1)\^?(-?[0-9])?")
 _ANY_TERM = re.compile(r"([^\d^-]+)\^?(-?[0-9]+)?")
 
 

@@ -104,11 +104,11 @@ def experiment(
     model: Path | str | None = None,
     use: float = 0.8,
     clock: int = 1,
-    low: float = 0.3,
-    high: float = 5.0,
-    hold: float = 0.4,
-    kick: float = 0.2,
-    rest: float = 8.0,
+    low: float | None = None,
+    high: float | None = None,
+    hold: float | None = None,
+    kick: float | None = None,
+    rest: float | None = None,
     max_torque: float = 0.3,
     max_speed: float = 45.0,
     max_angle: float = 1.25,
@@ -145,12 +145,13 @@ def experiment(
         Of the limits, what the signal may use on the model.
     clock : int
         prbs: ticks that a value is held.
-    low, high : float
-        chirp, multisine: lowest and highest frequency in Hz.
-    hold : float
-        steps: s of each.
-    kick, rest : float
-        decay: s of input, and without after each kick.
+    low, high : float, optional
+        chirp, multisine: lowest and highest frequency in Hz; 0.3 and 5 (of another plant for as many samples of its
+        usual time) unless given, as what follows.
+    hold : float, optional
+        steps: s of each; 0.4.
+    kick, rest : float, optional
+        decay: s of input, and without after each kick; 0.2 and 8.
     max_torque : float
         Limit in N m.
     max_speed : float

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hoopd.files.dimensions import parse_unit
+from hoopd.files.dimensions import CELSIUS, parse_unit
 from hoopd.files.reading import InputError
 from hoopd.recording.tables import SKIP, Columns
 from hoopd.recording.tick_columns import CHANNELS, INPUTS, TIMES
@@ -201,7 +201,17 @@ def _pick(name: str, column: str, unit: str, available: Mapping[str, str], layou
         raise InputError(path, f"column {column}", f"no such column for {name}{meant}")
     if open_unit:
         return Pick(place, unit=unit or available[place])
-    return Pick(place, _scale(unit or available[place], layout.units[name], path, f"column {place}"))
+    wanted = layout.units[name]
+    if not unit and not available[place] and (strange := _strange_unit(place)):
+        reason = f"nobody here knows the unit {strange!r}: say it, {name}={place}:{wanted or '-'}"
+        raise InputError(path, f"column {place}", reason)
+    return Pick(place, _scale(unit or available[place], wanted, path, f"column {place}"))
+
+
+def _strange_unit(column: str) -> str:
+    """What stands as a unit in square brackets behind a name and is none that is known."""
+    match = _WITH_UNIT.fullmatch(column.strip())
+    return "" if match is None or match[2] is None else match[2].strip()
 
 
 def _scale(unit: str, wanted: str, path: object, key: str) -> float:
@@ -214,6 +224,9 @@ def _scale(unit: str, wanted: str, path: object, key: str) -> float:
         raise InputError(path, key, str(error)) from None
     if not have.same_kind(want):
         raise InputError(path, key, f"wrong unit {unit!r}: the plant's is {wanted or 'a plain number'}")
+    if have.same(want) and (unit in CELSIUS) != (wanted in CELSIUS):
+        reason = f"{unit} and {wanted} count from elsewhere, 273.15 apart: have both the same unit, or say :{wanted}"
+        raise InputError(path, key, f"{reason} where the numbers are such already")
     return 1.0 if have.same(want) else have.factor / want.factor
 
 

@@ -1,5 +1,7 @@
 """Recordings in CSV: a header line with the names of the signals, a row a sample, an empty cell for a missing number.
 
+Cells stand between commas; where the header has semicolons, tabs or blanks between them, a comma is a decimal one.
+
 Of another plant than the daemon's own the unit stands behind the name, "x [m]", and `x_t` where a signal has times of
 its own; which signals are inputs and how they go on is not in such a file: the plant says it.
 
@@ -12,6 +14,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator
+from functools import partial
 from io import TextIOWrapper
 from itertools import chain
 from pathlib import Path
@@ -32,6 +35,7 @@ MAX_FILE_BYTES = 2**32
 MAX_LINE_CHARS = 2**14  # nine numbers of 25 digits are 250
 BLOCK_ROWS = 2**14  # rows that wait as text
 _MISSING = frozenset(("", "nan", "NaN", "NAN"))
+_DECIMAL_COMMA = re.compile(r"([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)")
 
 
 def read(
@@ -45,8 +49,22 @@ def read(
     try:
         with TextIOWrapper(opened(path, MAX_FILE_BYTES), encoding="utf-8-sig", newline="") as file:
             return _read(file, path, columns, layout, hold)
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise _not_utf8(path) from None
+    except OSError as error:
         raise InputError(path, "", os_reason(error)) from None
+
+
+def _not_utf8(path: Path) -> InputError:
+    """Which line of the file it is."""
+    with opened(path, MAX_FILE_BYTES) as file:
+        for number, line in enumerate(iter(partial(file.readline, MAX_LINE_CHARS), b""), start=1):
+            try:
+                line.decode("utf-8-sig")
+            except UnicodeDecodeError as error:
+                sign = line[error.start : error.start + 1].hex()
+                return InputError(path, f"line {number}", f"is no UTF-8 (byte {sign}): save the file as UTF-8 text")
+    return InputError(path, "", "not a text file")
 
 
 def encode(recording: Recording, fields: dict[str, Any]) -> bytes:
@@ -88,8 +106,6 @@ def _by_name(
 ) -> Recording:
     """The columns that are asked for; what stands in the others need not be numbers."""
     place = f"line {number}"
-    if len(header) == 1 and ";" in header[0]:
-        raise InputError(path, place, f"expected a header with names between commas{_hint(header)}")
     if _is_of_numbers(header):  # no names: columns are called by their place
         rows, header = chain([(number, header)], rows), [str(k + 1) for k in range(len(header))]
     named = [name for name in header if name]
@@ -146,8 +162,6 @@ def _asked(header: list[str], names: tuple[str, ...], path: Path) -> list[str]:
 
 
 def _hint(header: list[str]) -> str:
-    if len(header) == 1 and ";" in header[0]:
-        return "; its cells are separated by semicolons: write it with commas, and points in the numbers"
     return f", found {','.join(header)!r}" if header else ""
 
 
@@ -161,22 +175,55 @@ def _lines(file: TextIO, path: Path) -> Iterator[str]:
 
 
 def _rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of every line that is not blank."""
-    reader = csv.reader(_lines(file, path), strict=True)
+    """Line number and cells of every line that is not blank; between commas, or between semicolons as in the header."""
+    lines, before = _lines(file, path), list[str]()
+    for line in lines:
+        before.append(line)
+        if line.strip():
+            break
+    semicolons = bool(before) and _has_semicolons(before[-1])
+    reader = csv.reader(chain(before, lines), strict=True, delimiter=";" if semicolons else ",")
     try:
         for cells in reader:
             if cells and (len(cells) > 1 or cells[0].strip()):
-                yield reader.line_num, cells
+                yield reader.line_num, [_pointed(cell) for cell in cells] if semicolons else cells
     except csv.Error as error:
         raise InputError(path, f"line {reader.line_num}", f"not CSV: {error}") from None
 
 
 def _blank_rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The same of cells between tabs, or else between blanks, commas or semicolons; % and # begin a remark."""
+    """The same of cells between tabs, semicolons, blanks or commas; % and # begin a remark: a line of its own, or what
+    follows numbers."""
     for number, line in enumerate(_lines(file, path), start=1):
-        text = re.split("[%#]", line, maxsplit=1)[0].strip()
-        if text:
-            yield number, [cell.strip() for cell in (text.split("\t") if "\t" in text else re.split(r"[\s,;]+", text))]
+        text = line.strip()
+        if text and text[0] not in "%#":
+            cells = _cells(text)
+            if _is_of_numbers(cells[:1]) and (remark := re.search(r"\s[%#]", text)):
+                cells = _cells(text[: remark.start()].rstrip())
+            yield number, cells
+
+
+def _cells(text: str) -> list[str]:
+    """Of one line."""
+    if "\t" in text or ";" in text:
+        return [_pointed(cell) for cell in text.split("\t" if "\t" in text else ";")]
+    parts = text.split()
+    if "," not in text or (len(parts) > 1 and _is_of_numbers([_pointed(part) for part in parts])):
+        return [_pointed(part) for part in parts]
+    return [cell.strip() for cell in (re.split(r"[\s,]+", text) if _is_of_numbers(parts[:1]) else text.split(","))]
+
+
+def _has_semicolons(line: str) -> bool:
+    """Whether a file's first line has cells between semicolons: more of them than commas, or numbers between them."""
+    numbers = ";" in line and _is_of_numbers([_pointed(cell) for cell in line.split(";")])
+    return numbers or line.count(";") > line.count(",")
+
+
+def _pointed(cell: str) -> str:
+    """With a point where a number has a decimal comma."""
+    bare = cell.strip()
+    match = _DECIMAL_COMMA.fullmatch(bare) if "," in bare else None
+    return f"{match[1]}.{match[2]}" if match else bare
 
 
 def _blocks(

@@ -272,6 +272,18 @@ def test_a_plant_faster_than_the_hoop_is_asked_for_shorter_times(tmp_path: Path)
         lab.experiment("chirp", plant="axis", low=float("nan"))
 
 
+def test_what_is_told_of_a_signal_is_played_as_told(tmp_path: Path) -> None:
+    """The numbers that nobody tells are meant for samples of 20 ms, and grow with the plant's: an axis has 1 ms."""
+    held = {}
+    for name, told in (("told", 0.4), ("untold", None)):
+        out = tmp_path / f"{name}.csv"
+        plant_experiment.run(ExperimentOptions(kind="steps", plant="axis", duration_s=2.0, hold_s=told, out=out))
+        force = load(out, layout=layout_of(plant_named("axis"))).column("F")
+        turns = np.flatnonzero(np.diff(force)) + 1
+        held[name] = float(np.median(np.diff(turns)))
+    assert (held["told"], held["untold"]) == (400.0, 20.0)
+
+
 def test_without_an_input_only_a_decay_can_be_simulated_and_nothing_identified(tmp_path: Path) -> None:
     asked = {"plant": "pendulum", "at": "alpha=0.5", "duration_s": 4.0, "out": tmp_path / "run.csv"}
     told = plant_experiment.run(ExperimentOptions(kind="decay", **asked))

@@ -14,8 +14,17 @@ from hoopd.commands.cli import app, main
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.options.shared import SLICE
+from hoopd.files.reading import InputError
 
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+
+
+def test_an_option_of_one_value_that_is_given_twice_is_refused() -> None:
+    """The first value would be forgotten: an input that drives the plant."""
+    twice = CliRunner().invoke(app, ["identify", "a.csv", "--input", "u", "--output", "y", "--inputs", "d"])
+    assert isinstance(twice.exception, InputError) and "--inputs: is given 2 times" in str(twice.exception)
+    several = ["fit", "no.csv", "--holdout", "a.csv", "--holdout", "b.csv", "--json", "x.json"]
+    assert "times" not in CliRunner().invoke(app, several).output
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))

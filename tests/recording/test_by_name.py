@@ -115,10 +115,6 @@ def test_what_cannot_be_is_one_line(tmp_path: Path, columns: str, says: str) -> 
     [
         ("a,F,x\n0,1,2\n", "no column for the time; there are a, F, x: say t=COLUMN"),
         ("time,Time,F,x\n0,0,1,2\n", "no column for the time"),
-        (
-            "t;F;x\n0;1;2\n",
-            "line 1: expected a header with names between commas; its cells are separated by semicolons",
-        ),
         ("t,F,x,x\n0,1,2,3\n", "line 1: x stands twice"),
         ("t,F,x\n0,1,2\n0,1,2\n", "line 3, column t: time must grow"),
         ("t,F,x\n0,1,inf\n", "line 2, column x: must be finite"),

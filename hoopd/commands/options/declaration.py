@@ -103,6 +103,8 @@ def words_of(options: Any) -> list[str]:
         name = one.metadata["names"][:1]
         if isinstance(value, bool):
             words += name
+        elif isinstance(value, tuple) and one.metadata.get("read"):
+            words += [*name, ",".join(map(str, value))]
         else:
             words += [word for each in (value if isinstance(value, tuple) else (value,)) for word in (*name, str(each))]
     return words

@@ -19,6 +19,9 @@ from hoopd.commands.options.running import (
 from hoopd.commands.options.shared import figure_option, json_option
 from hoopd.core.limits import TORQUE_LIMIT_NM
 
+# What nobody tells is meant for samples of 20 ms.
+OF_ANOTHER = "with --plant as many samples"
+
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentOptions:
@@ -50,11 +53,11 @@ class ExperimentOptions:
     )
     seed: int = option("--seed", min=0, text="Seed of the signal, and of the rig.", default=0)
     clock_ticks: int = option("--clock", min=1, max=1000, text="prbs: ticks that a value is held.", default=1)
-    low_hz: float = option("--low", text="chirp, multisine: lowest frequency in Hz.", default=0.3)
-    high_hz: float = option("--high", text="chirp, multisine: highest frequency in Hz.", default=5.0)
-    hold_s: float = option("--hold", text="steps: seconds of each.", default=0.4)
-    kick_s: float = option("--kick", text="decay: seconds of input.", default=0.2)
-    rest_s: float = option("--rest", text="decay: seconds without, after each kick.", default=8.0)
+    low_hz: float | None = option("--low", text=f"chirp, multisine: lowest frequency in Hz; 0.3, {OF_ANOTHER}.")
+    high_hz: float | None = option("--high", text=f"chirp, multisine: highest frequency in Hz; 5, {OF_ANOTHER}.")
+    hold_s: float | None = option("--hold", text=f"steps: seconds of each; 0.4, {OF_ANOTHER}.")
+    kick_s: float | None = option("--kick", text=f"decay: seconds of input; 0.2, {OF_ANOTHER}.")
+    rest_s: float | None = option("--rest", text=f"decay: seconds without, after each kick; 8, {OF_ANOTHER}.")
     torque_limit_nm: float = option("--max-torque", min=0.001, max=TORQUE_LIMIT_NM, text="Limit in N m.", default=0.3)
     speed_limit_rad_s: float = option(
         "--max-speed", min=0.1, text="Hoop speed in rad/s that ends the experiment.", default=45.0

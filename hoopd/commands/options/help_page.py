@@ -6,10 +6,13 @@ asked for: every start of the program reads this file.
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 from typer.core import TyperCommand
+
+from hoopd.files.reading import InputError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -21,7 +24,15 @@ WORDS: Final = {Path: "FILE", float: "NUMBER", int: "WHOLE NUMBER", str: "TEXT"}
 
 
 class HelpCommand(TyperCommand):
-    """A command that shows this page."""
+    """A command that shows this page and refuses an option of one value that is given twice."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As click does, which takes the last value of an option and forgets the others without a word."""
+        given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
+        for parameter, count in given.items():
+            if count > 1 and not (parameter.multiple or getattr(parameter, "is_flag", True)):
+                raise InputError(parameter.opts[0], "", f"is given {count} times, and has one value")
+        return super().parse_args(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print it; typer's own lets the longest name of an option decide how narrow all texts become."""

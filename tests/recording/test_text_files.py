@@ -1,0 +1,77 @@
+"""Text files as programs and countries write them: semicolons, decimal commas, remarks, units, encodings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hoopd.files.reading import InputError
+from hoopd.recording import load
+from hoopd.recording.column_choice import SignalLayout
+from hoopd.recording.recording import Recording
+
+AXIS = SignalLayout({"F": "N"}, {"x": "m"})
+HEATER = SignalLayout({"q": "W"}, {"T": "K"})
+BY_PLACE = "t=1,F=2,x=3"
+
+
+def loaded(folder: Path, name: str, text: str, columns: str | None = None, layout: SignalLayout = AXIS) -> Recording:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return load(path, columns, layout=layout)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "columns"),
+    [
+        ("a.csv", "t;F;x\n0;1;2\n0,5;-1,5e-3;2,5\n", None),
+        ("a.csv", "\n\nt;F;Kraft, links;x\n0;1;;2\n0.5;-1.5e-3;;2.5\n", None),
+        ("a.csv", "0,0;1,0;2,0\n0,5;-1,5e-3;2,5\n", BY_PLACE),
+        ("a.txt", "t;F;x\n0;1;2\n0,5;-1,5e-3;2,5\n", None),
+        ("a.tsv", "t\tF\tx\n0\t1\t2\n0,5\t-1,5e-3\t2,5\n", None),
+        ("a.dat", "0,0 1,0 2,0\n0,5 -1,5e-3 2,5\n", BY_PLACE),
+        ("a.dat", "# by hand\nt F x\n0 1 2 % the first\n%\n0.5 -1.5e-3 2.5 # the last\n", None),
+        ("a.dat", "t, F, x\n0, 1, 2\n0.5, -1.5e-3, 2.5\n", None),
+    ],
+)
+def test_cells_and_commas(tmp_path: Path, name: str, text: str, columns: str | None) -> None:
+    found = loaded(tmp_path, name, text, columns)
+    assert found.t.tolist() == [0.0, 0.5]
+    assert (found.F.tolist(), found.x.tolist()) == ([1.0, -1.5e-3], [2.0, 2.5])
+
+
+def test_a_percent_sign_in_a_name_is_no_remark(tmp_path: Path) -> None:
+    duty = SignalLayout({"duty": ""}, {"x": "m"})
+    for name, between in (("a.tsv", "\t"), ("a.csv", ","), ("b.csv", ";")):
+        text = "\n".join([between.join(["t", "duty [%]", "x"]), between.join("012"), between.join("112")])
+        assert loaded(tmp_path, name, text, layout=duty).duty.tolist() == [0.01, 0.01]
+
+
+def test_units_of_inches_and_pounds(tmp_path: Path) -> None:
+    found = loaded(tmp_path, "a.csv", "t [ms],F [lbf],x (in)\n0,1,2\n1,1,2\n")
+    assert found.F[0] == pytest.approx(4.44822) and found.x[0] == pytest.approx(0.0508) and found.t[1] == 1e-3
+
+
+def test_a_unit_that_nobody_knows_is_not_taken_for_the_plants(tmp_path: Path) -> None:
+    text = "t,F [grunt],x\n0,1,2\n1,1,2\n"
+    with pytest.raises(InputError, match=r"column F \[grunt\]: nobody here knows the unit 'grunt': say it, F=F .*:N"):
+        loaded(tmp_path, "a.csv", text, "F=F [grunt],x=x,t=t")
+    assert loaded(tmp_path, "a.csv", text, "F=F [grunt]:kN,x=x,t=t").F[0] == 1e3
+
+
+def test_degrees_celsius_are_not_kelvins(tmp_path: Path) -> None:
+    text = "t,q,T [°C]\n0,1,20\n1,1,21\n"
+    with pytest.raises(InputError, match=r"°C and K count from elsewhere, 273\.15 apart"):
+        loaded(tmp_path, "a.csv", text, layout=HEATER)
+    for same in (SignalLayout({"q": "W"}, {"T": "degC"}), HEATER):
+        asked = "q=q,T=T:K" if same is HEATER else None
+        assert loaded(tmp_path, "a.csv", text, asked, same).T.tolist() == [20.0, 21.0]
+
+
+@pytest.mark.parametrize(("encoding", "sign"), [("latin-1", "b0"), ("utf-16", "ff")])
+def test_another_encoding_is_said_with_its_line(tmp_path: Path, encoding: str, sign: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,q,T [°C]\n0,1,2\n", encoding=encoding)
+    with pytest.raises(InputError, match=rf"line 1: is no UTF-8 \(byte {sign}\): save the file as UTF-8"):
+        load(path, layout=HEATER)
