@@ -13,8 +13,10 @@ import numpy as np
 
 from hoopd.commands.options.convert import ConvertOptions
 from hoopd.files.reading import InputError
+from hoopd.plants.declaration import Plant
 from hoopd.plants.hoop.recordings.suspicions import suspicions
 from hoopd.plants.layout import layout_of
+from hoopd.plants.recording_doubts import plant_doubts
 from hoopd.plants.registry import resolve_plant
 from hoopd.recording import Recording, load, save
 from hoopd.recording.doubts import doubts
@@ -31,11 +33,12 @@ def run(options: ConvertOptions) -> dict[str, Any]:
     source, target = options.source, options.target
     extension = extension_of(target)  # before the source is read
     _refuse_same(source, target)
-    layout = None if options.plant is None else layout_of(resolve_plant(options.plant))
+    plant = None if options.plant is None else resolve_plant(options.plant)
+    layout = None if plant is None else layout_of(plant)
     recording = load(source, options.columns, options.experiment, layout=layout, hold=options.hold)
     recording = edited(recording, source, options.start, options.end, options.step)
     save(recording, target)
-    told = summary(recording)
+    told = summary(recording, plant)
     told["notes"] = [*told["notes"], *_untold_hold(recording, extension)]
     return {"source": str(source), "target": str(target), **told}
 
@@ -59,7 +62,7 @@ def edited(
         raise InputError(source, "", str(error)) from None
 
 
-def summary(recording: Recording) -> dict[str, Any]:
+def summary(recording: Recording, plant: Plant | None = None) -> dict[str, Any]:
     """Rows, span, signals and doubts of a recording."""
     names = (*FILE_ORDER, "current") if recording.is_tick else tuple(recording.signals)
     missing = {name: int(np.isnan(recording.column(name)).sum()) for name in names}
@@ -70,8 +73,14 @@ def summary(recording: Recording) -> dict[str, Any]:
         "step_s": None if len(recording) < 2 else round(recording.sample_time_s, 9),
         "signals": present,
         "missing": {name: missing[name] for name in present},
-        "notes": suspicions(recording) if recording.is_tick else doubts(recording),
+        "notes": _doubts(recording, plant),
     }
+
+
+def _doubts(recording: Recording, plant: Plant | None) -> list[str]:
+    if recording.is_tick:
+        return suspicions(recording)
+    return doubts(recording) if plant is None else plant_doubts(recording, plant)
 
 
 def _refuse_same(source: Path, target: Path) -> None:

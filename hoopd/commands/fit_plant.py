@@ -28,6 +28,7 @@ from hoopd.plants.fits.undetermined import direction_sentence
 from hoopd.plants.likelihood.stretches import read_too_rarely
 from hoopd.plants.plant_file import parse_plant
 from hoopd.plants.plant_model import PROGRAM, PlantModel, plant_model_text, with_parameters
+from hoopd.plants.recording_doubts import plant_doubts
 from hoopd.recording.recording import Recording
 
 # What asks for the hoop's own structures and judgements, and what it is when nothing is asked.
@@ -43,6 +44,7 @@ def fit_other_plant(model: PlantModel, options: FitOptions, progress: Callable[[
     found = fitted_plant(model, [one for _, one in train], options, progress)
     start, said = system_of(model)
     progress("scoring")
+    said = [*(f"{name}: {text}" for name, one in train + held for text in plant_doubts(one, model.plant)), *said]
     result = _record(found, start, dict(train), dict(held), said)
     _write(found, model, train[0][1], options)
     paths = {"out": options.out, "figure": options.figure}

@@ -17,6 +17,7 @@ from hoopd.plants.fits.repeated_samples import once_at_rest
 from hoopd.plants.likelihood.reading_interval import spaced
 from hoopd.plants.likelihood.stretches import Stretch, fewest_readings, is_long_enough, read_too_rarely, stretch_of
 from hoopd.recording.board_limits import torque_slew
+from hoopd.recording.doubts import constant, finite
 from hoopd.recording.recording import Recording
 from hoopd.recording.timeline import Timeline, timelines
 
@@ -52,6 +53,8 @@ def source_of(name: str, recording: Recording, plant: Plant) -> Source:
         raise InputError(name, missing[0], f"no signal of this name; {plant.name} has it (--columns)")
     if reason := read_too_rarely(recording.t, plant):
         raise InputError(name, "t", reason)
+    if all(constant(finite(recording.column(one))) for one in plant.channels):
+        raise InputError(name, ", ".join(plant.channels), "never changes: nothing to judge a model by")
     quality = assess(recording, plant)
     clean = cleaned(recording, quality)
     try:

@@ -28,6 +28,8 @@ USUAL_SIZE = 0.3
 SAMPLES, HALVED = 200, 1e-2
 # Derivatives by central differences: step and tolerance, as shares of the sizes.
 DIFFERENCE, AGREES = 1e-6, 1e-4
+# Of a usual size, what is little.
+FEW = 1e-3
 # Rounding, as a share of what is compared.
 ROUNDING = 1e-9
 
@@ -110,9 +112,10 @@ def _passive(plant: Plant) -> Check:
 
 
 def _stored(plant: Plant) -> Check:
-    """The energy of the file changes at the power of the forces of the rates."""
-    if not plant.coordinates:
-        return Check("energy", None, "no coordinates")
+    """The energy of the file changes at the power of the forces of the rates; of a plant with states of first order,
+    which give and take some, it never grows."""
+    if plant.first_order:
+        return _never_gained(plant)
     found = _mechanics(plant, lambda m: ca.vertcat(m.stored - m.power, ca.fabs(m.stored) + m.size))
     for x in _points(plant):
         off, size = found(x).ravel()
@@ -121,6 +124,22 @@ def _stored(plant: Plant) -> Check:
                 "energy", False, f"is not that of the equations: {off:.3g} W come from nowhere {_at(plant, x)}"
             )
     return Check("energy", True, "that of the equations")
+
+
+def _never_gained(plant: Plant) -> Check:
+    """E' = dE/dx x' with the inputs at 0 is no gain."""
+    x, u, p = (ca.SX.sym(name, size) for name, size in _sizes(plant).items())
+    assert plant.energy is not None
+    slope = ca.densify(ca.gradient(plant.energy(_point(plant, x, u, p)), x))
+    parts = ca.Function("parts", [x, u, p], [slope * state_rate(plant)(x, u, p)])
+    # what gives hides behind a loss that is as large as itself: each kind of state beside much less of the other
+    first = np.isin(plant.states, plant.first_order)
+    shares = [np.where(first, one, other) for one, other in ((1.0, 1.0), (FEW, 1.0), (1.0, FEW))]
+    for here in (share * point for point in _points(plant) for share in shares):
+        each = parts(here, np.zeros(len(plant.inputs)), _values(plant)).full()
+        if not each.sum() <= ROUNDING * np.abs(each).sum():
+            return Check("energy", False, f"grows by {each.sum():.3g} W with nothing driven {_at(plant, here)}")
+    return Check("energy", True, "never grows with nothing driven")
 
 
 def _derivatives(plant: Plant) -> Check:
@@ -197,11 +216,9 @@ class _Mechanics:
         self.power = ca.dot(speeds, f - at_rest) + ca.dot(speeds, ca.mtimes(turning, speeds)) / 2
         self.size = ca.dot(ca.fabs(speeds), ca.fabs(f) + ca.fabs(at_rest))
         self.stored = ca.SX(0)
-        if plant.energy is not None:
+        if plant.energy is not None and not plant.first_order:
             energy = ca.substitute(plant.energy(_point(plant, self.x, u, p)), p, values)
-            change = ca.vertcat(
-                *(part for i in range(n) for part in (speeds[i], free[i])), *(0.0 for _ in plant.first_order)
-            )
+            change = ca.vertcat(*(part for i in range(n) for part in (speeds[i], free[i])))
             self.stored = ca.jtimes(energy, self.x, change)
 
 

@@ -22,7 +22,8 @@ from hoopd.recording.unwrap import unwrapped
 
 __all__ = ["aged", "between", "joined", "resampled", "shifted", "unwrapped", "without"]
 
-MAX_AGE_S = 1.0  # older is a mistake in the unit
+# Older is a mistake in the unit: seconds, or of what is sampled more rarely so many steps.
+MAX_AGE_S, MAX_AGE_STEPS = 1.0, 50.0
 JOINT_S = 1.0  # a picture taken 50 ms before its row must not come before the end of the recording before
 # Without an input nothing else ends a run than a pause (`PAUSE_STEPS`), and the row of nothing is within it.
 JOINT_STEPS = 7
@@ -51,8 +52,8 @@ def aged(recording: Recording, **ages_s: float | None) -> Recording:
     """Channels sampled some seconds before their row, None: as it is.
 
     ages_s: by name of the sample times, `y_s` of the board's readings and otherwise CHANNEL_s: CHANNEL_t = t - age;
-    the inputs go on acting at t. ValueError for an age outside 0 to MAX_AGE_S, or where the recording has sample times
-    of its own.
+    the inputs go on acting at t. ValueError for an age below 0 or beyond MAX_AGE_S and MAX_AGE_STEPS, or where the
+    recording has sample times of its own.
     """
     times: dict[str, Any] = {}
     for key, age_s in ages_s.items():
@@ -65,8 +66,9 @@ def aged(recording: Recording, **ages_s: float | None) -> Recording:
 
 
 def _checked_age(recording: Recording, name: str, age_s: float) -> float:
-    if not 0.0 <= age_s <= MAX_AGE_S:
-        raise ValueError(f"{name} must be 0 to {MAX_AGE_S:g} s, not {age_s:g}")
+    most = max(MAX_AGE_S, MAX_AGE_STEPS * recording.sample_time_s) if len(recording) > 1 else MAX_AGE_S
+    if not 0.0 <= age_s <= most:
+        raise ValueError(f"{name} must be 0 to {most:g} s, not {age_s:g}")
     if has_times(recording, name):
         raise ValueError(f"{name}: {recording.source or 'the recording'} has sample times of its own ({name}_t)")
     return age_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,6 +53,36 @@ def test_a_fit_writes_a_plant_that_simulates(folder: Path) -> None:
     assert run["start_from"] == "estimated" and run["free_run"]["x"]["nrmse_percent"] > 99.0
     measured, simulated = (np.genfromtxt(name, delimiter=",", skip_header=1) for name in ("b.csv", "sim.csv"))
     assert np.abs(1e3 * simulated[:, 2] - measured[:, 2]).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "says"),
+    [
+        (lambda table: np.delete(table, slice(900, 960), axis=0), "rows are missing at 1 place"),
+        (lambda table: table * [1.0, 100.0, 1.0], "F reaches 6e+03 N, its limit is 1000: another unit?"),
+        (lambda table: np.where(np.arange(6000).reshape(-1, 3) == 3002, 999.9, table), "x has 1 sample far from both"),
+    ],
+)
+def test_what_is_worth_a_doubt_is_said_beside_a_fit_and_a_conversion(folder: Path, spoiled: Any, says: str) -> None:
+    table = spoiled(np.genfromtxt("a.csv", delimiter=",", skip_header=1))
+    np.savetxt(folder / "c.csv", table, delimiter=",", header="t,Force,Position", comments="")
+    code, _, error = hoopd("fit", "--plant", "axis", "c.csv", *READ, "--json", "fit.json")
+    assert code == 0, error
+    assert any(note.startswith(f"c.csv: {says}") for note in json.loads((folder / "fit.json").read_text())["notes"])
+    code, _, error = hoopd("convert", "c.csv", "c.mcap", "--plant", "axis", *READ, "--json", "said.json")
+    assert code == 0 and any(says in note for note in json.loads((folder / "said.json").read_text())["notes"]), error
+
+
+def test_a_good_recording_of_a_plant_has_no_doubts(folder: Path) -> None:
+    assert hoopd("convert", "a.csv", "c.mcap", "--plant", "axis", *READ, "--json", "said.json")[0] == 0
+    assert json.loads((folder / "said.json").read_text())["notes"] == []
+
+
+def test_a_sensor_that_never_moves_is_nothing_to_judge_a_model_by(folder: Path) -> None:
+    table = np.genfromtxt("a.csv", delimiter=",", skip_header=1)
+    np.savetxt(folder / "c.csv", table * [1, 1, 0], delimiter=",", header="t,Force,Position", comments="")
+    code, _, error = hoopd("diagnose", "--plant", "axis", "c.csv", *READ)
+    assert code == 2 and "c.csv: x: never changes: nothing to judge a model by" in error
 
 
 def test_values_are_fixed_believed_and_chosen(folder: Path) -> None:

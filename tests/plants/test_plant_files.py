@@ -206,6 +206,22 @@ def test_a_friction_with_the_wrong_sign_is_seen() -> None:
     assert answers(plant(text.replace("- m*g*l*cos", "+ m*g*l*cos")))["energy"].good is False
 
 
+@pytest.mark.parametrize(
+    ("energy", "equation", "good"),
+    [
+        ("J/2*phi'^2 + L/2*i^2", "L*i' = V - R*i - k*phi'", True),
+        ("J/2*phi'^2 + L/2*i^2", "L*i' = V + R*i - k*phi'", False),
+        ("J/2*phi'^2 + L/2*i^2", "L*i' = V - R*i + k*phi'", False),
+        ("J/2*phi'^2", "L*i' = V - R*i - k*phi'", False),  # the current drives it
+    ],
+)
+def test_an_energy_in_a_body_and_a_current_never_grows(energy: str, equation: str, good: bool) -> None:
+    text = MOTOR.replace("L*i' = V - R*i - k*phi'", equation).replace(
+        "name: motor\n", f"name: motor\nenergy: {energy}\n"
+    )
+    assert answers(plant(text))["energy"].good is good
+
+
 def test_an_inertia_that_no_body_has_is_seen() -> None:
     assert answers(plant(CART))["inertia"].good
     scaled = CART.replace(

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from hoopd.plants.hoop.recordings.suspicions import suspicions
 from hoopd.recording import Recording
 from hoopd.recording.edit import aged, between, joined, resampled, shifted, unwrapped, without
-from hoopd.recording.recording import UNITS, from_columns
+from hoopd.recording.recording import UNITS, from_columns, from_signals
 from hoopd.recording.timeline import switch_times, timelines
 
 TURN = 2 * math.pi
@@ -200,6 +200,14 @@ def test_an_age_that_cannot_be_is_refused() -> None:
             aged(made(), y_s=age_s)
     with pytest.raises(ValueError, match=r"psi: made has sample times of its own \(psi_t\)"):
         aged(made(), psi_s=0.03)
+
+
+def test_what_is_sampled_every_half_minute_may_be_as_old() -> None:
+    t = 30.0 * np.arange(40)
+    chamber = from_signals(t, {"duty": t % 7}, {"T": t % 11})
+    assert aged(chamber, T_s=15.0).channels["T"].t[1] == 15.0
+    with pytest.raises(ValueError, match="T must be 0 to 1500 s"):
+        aged(chamber, T_s=1501.0)
 
 
 def test_without_and_shifted() -> None:

@@ -31,7 +31,7 @@ from hoopd.diagnose.quality.standstill import Clock, clock, reaches, saturated_s
 from hoopd.diagnose.quality.turns import turned
 from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
-from hoopd.recording.doubts import doubts
+from hoopd.plants.recording_doubts import plant_doubts
 from hoopd.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -41,8 +41,6 @@ Mask = NDArray[np.bool_]
 STUCK_S = 0.2
 # Unevenness of sampling that is worth a line: at 20 rad/s more than an encoder's count.
 JITTER_S = 1e-4
-# Times the usual size that nothing moves by.
-UNUSUAL = 100.0
 # A ball that was at rest is seen, when it begins to move, within this of where it was.
 RESTED_SIGMAS = 8.0
 
@@ -112,10 +110,9 @@ def assess(recording: Recording, plant: Plant) -> Quality:
         {rate: speed(clean, place, rate, channels[place].sigma) for rate, place in rates_of(sensors).items()},
         jumps,
         [
-            *(judges.doubts or doubts)(recording),
+            *plant_doubts(recording, plant),
             *_told(clock(recording)),
             *_limited(recording, plant),
-            *_in_other_units(recording, plant),
             *(note for name, one in sensors.items() if one.is_camera for note in _slow_camera(whole, channels[name])),
             *(note for name, one in sensors.items() if _is_counted(one) for note in _uneven(channels[name])),
             *(_jumped(whole, name, found, plant.channels[name].unit) for name, found in every.items() if found),
@@ -265,24 +262,6 @@ def _limited(recording: Recording, plant: Plant) -> list[str]:
 def _end(u: Array, limit: float | None) -> str:
     """Where an input stays: at the limit that is known, or at one that its own largest value may be."""
     return "its limit" if reaches(u, limit) else f"its largest value ({np.nanmax(np.abs(u)):.3g})"
-
-
-def _in_other_units(recording: Recording, plant: Plant) -> list[str]:
-    """A place that moves by a hundred times of what is said to be usual is told in another unit, as likely as not; an
-    angle may turn on and on."""
-    told = []
-    for name, channel in plant.channels.items():
-        usual = plant.scales.get(channel.state, np.inf)
-        if not plant.is_length(channel.state) or channel.state in plant.recorded:
-            continue
-        seen = recording.column(name)[np.isfinite(recording.column(name))]
-        span = float(np.ptp(seen)) if len(seen) else 0.0
-        if span > UNUSUAL * usual:
-            told.append(
-                f"{name} moves by {span:.3g} {channel.unit}, {span / usual:.0f} times what {plant.name} calls usual: "
-                f"is it told in {channel.unit} (--columns {name}=NAME:UNIT)?"
-            )  # fmt: skip
-    return told
 
 
 def _uneven(place: JudgedSamples) -> list[str]:
