@@ -60,6 +60,8 @@ def run(
         inputs,
         {"--json": options.json_path, "--report": options.report, "--write": options.write, "--memory": options.memory},
     )
+    if options.report is not None and options.report.suffix.lower() not in (".html", ".htm"):
+        raise InputError(options.report, "--report", "is a page: its name ends with .html")
     memory = memory_of(options, texts, base)
     outcome = outcome_of(texts, held_texts, base, options, memory=memory, progress=progress)
     said = doubts(outcome) if options.write is not None else []

@@ -68,14 +68,16 @@ def record_of(
         "delay_samples": sampling[1],
         "state_space": _matrices(system if matrices is None else matrices),
         "poles": _complex(system.poles()),
-        **(_channel(first, notes) if driven else {"output": first.output_labels[0]}),
+        **(_channel(first, notes, own_units=sizes is not None) if driven else {"output": first.output_labels[0]}),
         "controllability": _rank(visibility.controllability(seen)),
         "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(seen))},
         "detectability": _detectability(visibility.detectability(seen)),
     }
     result |= effects
     if others and driven:
-        result["further_outputs"] = {one.output_labels[0]: _channel(one, notes) for one in others}
+        result["further_outputs"] = {
+            one.output_labels[0]: _channel(one, notes, own_units=sizes is not None) for one in others
+        }
     return {**result, "notes": list(dict.fromkeys(notes))}
 
 
@@ -89,8 +91,11 @@ def _effects_in_words(near: Near, *, sampled: bool) -> list[str]:
     return [*notes, *near.notes]
 
 
-def _channel(system: control.StateSpace, notes: list[str]) -> dict[str, Any]:
-    """Torque to one output, as its own loop under unit feedback; what is unbounded is said in `notes`."""
+def _channel(system: control.StateSpace, notes: list[str], *, own_units: bool = False) -> dict[str, Any]:
+    """Torque to one output, as its own loop under unit feedback; what is unbounded is said in `notes`.
+
+    `own_units`: of a plant whose units say nothing of how fast it is: its gain is no bandwidth.
+    """
     less, loop, wide = minimal(system), margins(system), bandwidth(system)
     name = system.output_labels[0]
     found = _zeros(system)
@@ -115,7 +120,7 @@ def _channel(system: control.StateSpace, notes: list[str]) -> dict[str, Any]:
         },
         "margins": _margins(loop, system),
         "bandwidth": {field: _bounded(value) for field, value in wide._asdict().items()},
-        "sampling": _sampling(wide.absolute_rad_s, notes),
+        "sampling": _sampling(wide.below_dc_rad_s if own_units else wide.absolute_rad_s, notes),
         "step": None if step is None else _step(step),
     }
 

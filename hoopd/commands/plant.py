@@ -15,7 +15,7 @@ from hoopd.commands.output_files import check_results
 from hoopd.files.expressions import NAME
 from hoopd.files.plant_template import KINDS, template
 from hoopd.files.reading import InputError
-from hoopd.files.whole_files import replace_file
+from hoopd.files.whole_files import check_target, replace_file
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.library import library
 from hoopd.plants.plant_check import Check, checks, free_run
@@ -46,7 +46,9 @@ def _new(options: PlantOptions) -> dict[str, Any]:
         raise InputError(path, "", "a new plant file is a .yaml")
     if not NAME.fullmatch(path.stem):
         raise InputError(path, "", "a plant's name begins with a letter and has letters, digits and _")
-    check_results(path, options.figure)
+    if options.figure is not None:
+        raise InputError("--figure", "", "of a plant that is not there yet: it goes with check and show")
+    check_target(path, "PLANT")
     if path.exists():
         raise InputError(path, "", "is there already: it is never overwritten")
     replace_file(path, template(options.kind, path.stem, str(path)).encode())

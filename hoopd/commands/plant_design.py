@@ -5,11 +5,12 @@ Rules of this file: from a model and options to checked objects; the mathematics
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import casadi as ca
+import control
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +20,7 @@ from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.plant_linear import LinearizedPlant, linearized
 from hoopd.design.controller_text import plain
+from hoopd.design.laws import LAWS as HOOPS_LAWS
 from hoopd.design.linear_law import LinearLaw, placed, quadratic, sampled, with_filter
 from hoopd.design.margins import Margins, margins
 from hoopd.design.plant_loop import RELEASE_SHARE, PlantLoopRun, closed_loop, ticks_of
@@ -34,7 +36,7 @@ Array = NDArray[np.float64]
 
 LAWS = ("lqg", "placement")
 # What a law of another plant is asked for; everything else is of the hoop's laws.
-ASKED = ("law", "model", "plant", "at", "out", "poles", "weights", "sample_time_s", "figure", "json_path")
+ASKED = ("law", "model", "plant", "at", "steer", "out", "poles", "weights", "sample_time_s", "figure", "json_path")
 # More digits than any sensor has; small machines' last bits do not reach them.
 DIGITS = 10
 
@@ -62,6 +64,7 @@ def designed(model: PlantModel, options: DesignOptions) -> PlantDesign:
     for one, value in zip(plant.inputs, linear.point.u, strict=True):
         if one.limit is not None and abs(value) > one.limit:
             raise InputError("--at", one.name, f"{value:g} is beyond its limit, {one.limit:g} {one.unit}")
+    linear = _steered(linear, options.steer)
     step_s = plant.time_scale_s if options.sample_time_s is None else options.sample_time_s
     between("--sample-time", "", step_s, 0.0, 3600.0)
     sizes = _sizes(linear, options)
@@ -77,7 +80,8 @@ def designed(model: PlantModel, options: DesignOptions) -> PlantDesign:
     moved = [name for name in (*plant.coordinates, *plant.first_order) if name in law.model.state_labels]
     off = {name: RELEASE_SHARE * sizes[name] for name in moved}
     slowest = max((abs(one.z) for one in poles), default=0.0)
-    loop = closed_loop(plant, file, law, linear.point.x, off, ticks_of(slowest), acting, model.values)
+    held = {one.name: value for one, value in zip(plant.inputs, linear.point.u, strict=True)}
+    loop = closed_loop(plant, file, law, linear.point.x, off, ticks_of(slowest), acting, model.values, held)
     if not loop.is_finite:
         reason = "the plant itself leaves every bound with this law, let go a tenth of the usual sizes away"
         raise InputError(f"design {options.law}", "", reason)
@@ -85,9 +89,23 @@ def designed(model: PlantModel, options: DesignOptions) -> PlantDesign:
     return PlantDesign(linear, law, file, loop, poles, found, (*_notes(linear, law), *late))
 
 
+def _steered(linear: LinearizedPlant, names: Sequence[str]) -> LinearizedPlant:
+    """With the inputs alone that the law moves."""
+    system, known = linear.system, list(linear.system.input_labels)
+    if strange := [name for name in names if name not in known]:
+        raise InputError("--steer", strange[0], f"is no input of the plant; known: {', '.join(known)}")
+    chosen = [k for k, name in enumerate(known) if not names or name in names]
+    less = control.ss(
+        system.A, system.B[:, chosen], system.C, system.D[:, chosen], states=system.state_labels,
+        inputs=[known[k] for k in chosen], outputs=system.output_labels,
+    )  # fmt: skip
+    return linear._replace(system=less)
+
+
 def _refuse_hoops_own(options: DesignOptions) -> None:
     if options.law not in LAWS:
-        raise InputError("LAW", "", f"{options.law} is a law of the hoop; of other plants: {', '.join(LAWS)}")
+        what = "is a law of the hoop" if options.law in (*HOOPS_LAWS, "arx", "identified") else "is no law"
+        raise InputError("LAW", "", f"{options.law} {what}; of other plants: {', '.join(LAWS)}")
     for one in fields(DesignOptions):
         if one.name not in ASKED and getattr(options, one.name) != one.default:
             raise InputError(option_name(DesignOptions, one.name), "", "is of the hoop's laws")
@@ -138,7 +156,9 @@ def _sizes(linear: LinearizedPlant, options: DesignOptions) -> dict[str, float]:
 
 def _file(linear: LinearizedPlant, law: LinearLaw, step_s: float, name: str) -> PlantControllerFile:
     model, plant, x, u = linear.model, linear.model.plant, linear.point.x, linear.point.u
-    inputs, channels = ({one.name: one.unit for one in plant.inputs}, {c: o.unit for c, o in plant.channels.items()})
+    steered, channels = linear.system.input_labels, {c: o.unit for c, o in plant.channels.items()}
+    inputs = {one.name: one.unit for one in plant.inputs if one.name in steered}
+    held_at = {one.name: float(value) for one, value in zip(plant.inputs, u, strict=True)}
     held: Any = u if len(u) > 1 else float(u.sum())
     point = plant.point(x, model.values, held)
     read = {
@@ -154,9 +174,9 @@ def _file(linear: LinearizedPlant, law: LinearLaw, step_s: float, name: str) -> 
         states=list(law.model.state_labels),
         inputs=inputs,
         channels=channels,
-        operating_point={**plain(dict(zip(inputs, u.tolist(), strict=True)), DIGITS), **plain(read, DIGITS)},
+        operating_point={**plain({name: held_at[name] for name in inputs}, DIGITS), **plain(read, DIGITS)},
         gains=PlantGains(**{key: plain(np.asarray(one), DIGITS) for key, one in matrices.items()}),
-        limits={one.name: one.limit for one in plant.inputs if one.limit is not None},
+        limits={one.name: one.limit for one in plant.inputs if one.name in inputs and one.limit is not None},
         notes=f"designed as {name}",
     )
 
@@ -167,6 +187,8 @@ def _notes(linear: LinearizedPlant, law: LinearLaw) -> list[str]:
     notes.append(
         "the daemon runs the hoop alone: the controller is for a program of your own (docs/guides/your_plant.md)"
     )
+    if held := [one.name for one in plant.inputs if one.name not in linear.system.input_labels]:
+        notes.append(f"{', '.join(held)}: held, the law does not move it")
     if dropped := [state for state in plant.states if state not in law.model.state_labels]:
         notes.append(f"{', '.join(dropped)}: not seen by a channel or not moved by an input, left out of the law")
     return notes

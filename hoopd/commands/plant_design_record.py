@@ -62,7 +62,7 @@ def figure_of(found: PlantDesign) -> Any:
         found.run.nonlinear,
         found.run.linear,
         units={**file.inputs, **file.channels},
-        inputs={one.name: one.limit for one in plant.inputs},
+        inputs={one.name: one.limit for one in plant.inputs if one.name in file.inputs},
         title=f"{found.linear.model.name}: closed loop with {file.name}, let go beside its operating point",
     )
 

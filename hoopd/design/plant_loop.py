@@ -63,7 +63,10 @@ class StateFeedback:
         self._x = np.zeros(len(file.states))
 
     def update(self, readings: Mapping[str, float]) -> dict[str, float]:
-        """Inputs for the next sample, from what was read at its beginning; a channel that is not there was not read."""
+        """Inputs for the next sample, from what was read at its beginning; a channel that is not there was not read.
+        ValueError for a name that is no channel."""
+        if strange := readings.keys() - set(self._channels):
+            raise ValueError(f"no channel {min(strange)!r}; known: {', '.join(self._channels)}")
         y = np.array([readings.get(name, np.nan) for name in self._channels])
         off = np.where(np.isfinite(y), y - self._y0 - self._c @ self._x, 0.0)
         self._x = self._x + self._m @ off
@@ -101,6 +104,7 @@ def closed_loop(
     ticks: int,
     effects: Sequence[Effect] = (),
     values: Mapping[str, float] | None = None,
+    held: Mapping[str, float] | None = None,
 ) -> PlantLoopRun:
     """Let the plant go and keep it with a law.
 
@@ -120,6 +124,8 @@ def closed_loop(
         Samples.
     effects, values
         Effects on forces and inputs, and parameters with theirs.
+    held : mapping of str to float
+        Where the inputs stand that the law does not move.
 
     Returns
     -------
@@ -132,7 +138,10 @@ def closed_loop(
     vector, controller = composite.vector(known), StateFeedback(file)
     rows = [composite.channels.index(name) for name in file.channels]
     start = np.asarray(x0, float) + np.array([off.get(name, 0.0) for name in plant.states])
-    z = composite.beginning(start, next(iter(file.operating_point.values())))
+    inputs = {one.name: (held or {}).get(one.name, 0.0) for one in plant.inputs} | {
+        name: file.operating_point[name] for name in file.inputs
+    }
+    z = composite.beginning(start, next(iter(inputs.values())))
     signals = np.full((ticks, len(file.channels) + len(file.inputs)), np.nan)
     with np.errstate(all="ignore"):
         for k in range(ticks):
@@ -141,7 +150,8 @@ def closed_loop(
             signals[k] = (*y, *u.values())
             if not np.isfinite(signals[k]).all():
                 break
-            z = numeric.advance(z, [*u.values()] if len(u) > 1 else u[next(iter(u))], h, k * h)
+            acting = [*(inputs | u).values()]
+            z = numeric.advance(z, acting if len(acting) > 1 else acting[0], h, k * h)
     names = (*file.channels, *file.inputs)
     linear = _linear(file, law, [off.get(name, 0.0) for name in law.model.state_labels], ticks)
     return PlantLoopRun(

@@ -139,8 +139,29 @@ def to_struct(data: dict[str, Any], kind: type[T], path: object) -> T:
     except msgspec.ValidationError as error:
         text = str(error)
         match = _AT.search(text)
-        key = match.group(1) if match else ""
-        raise InputError(path, key, _AT.sub("", text)) from None
+        key = _named(data, kind, match.group(1)) if match else ""
+        raise InputError(path, key, _AT.sub("", text) + _known_schema(kind, text, key)) from None
+
+
+def _named(data: dict[str, Any], kind: Any, key: str) -> str:
+    """The key with the name of the entry that is wrong, which the library's own message leaves open (`[...]`)."""
+    group, open_, rest = key.partition("[...]")
+    entries = data.get(group)
+    for name, entry in entries.items() if open_ and isinstance(entries, dict) else ():
+        try:
+            msgspec.convert({**data, group: {name: entry}}, kind, strict=True)
+        except msgspec.ValidationError as error:
+            if (match := _AT.search(str(error))) and match.group(1) == key:
+                return f"{group}.{name}{rest}"
+    return key
+
+
+def _known_schema(kind: Any, text: str, key: str) -> str:
+    """What a file of this kind calls itself, where that is what is wrong."""
+    if key != "schema" and "field `schema`" not in text:
+        return ""
+    known = get_args(_hints(kind).get("schema"))
+    return f"; write schema: {' or '.join(known)}" if known else ""
 
 
 def _resolve(data: Any, kind: Any, path: object, key: str) -> Any:

@@ -129,6 +129,7 @@ def design(
     *,
     plant: Plant | str | None = None,
     at: Mapping[str, float] | None = None,
+    steer: Sequence[str] | None = None,
     recording: Recording | None = None,
     omega: float | None = None,
     mt: float | None = None,
@@ -156,6 +157,8 @@ def design(
         A declaration, a registered name or a plant file; the model's unless given.
     at : mapping of str to float, optional
         Of another plant: inputs that are held, and states near which to look for the equilibrium.
+    steer : sequence of str, optional
+        Of another plant with several inputs: those that the law moves; all of them unless given.
     recording : Recording, optional
         Goes with the law arx, and only with it.
     omega : float, optional
@@ -213,10 +216,10 @@ def design(
     if (other := model_of(plant, model)) is not None:
         if recording is not None or method is not None:
             raise ValueError("recording and method are of the hoop's laws")
-        asked = from_python(DesignOptions, law=law, at=at, **specification)
+        asked = from_python(DesignOptions, law=law, at=at, steer=steer, **specification)
         return DesignedPlant(designed(other, asked), Path(model) if isinstance(model, Path | str) else None)
-    if at:
-        raise ValueError("at is of other plants: a law of the hoop is for rest at the bottom")
+    if at or steer:
+        raise ValueError("at and steer are of other plants: a law of the hoop is for rest at the bottom")
     if model is None or isinstance(model, PlantModel):
         raise ValueError("design takes a model, or another plant than the hoop: design('lqg', plant='axis')")
     specification |= {} if method is None else {"method": method}

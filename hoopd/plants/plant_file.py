@@ -38,7 +38,8 @@ MOST = {"coordinates": 8, "states": 20, "inputs": 8, "parameters": 100, "channel
 # What a point of the plant calls its own.
 RESERVED: Mapping[str, str] = {
     **dict.fromkeys(FUNCTIONS, "a function of equations"), **dict.fromkeys(CONSTANTS, "a constant of equations"),
-    "t": "the time", "u": "what laws call the first input of any plant (say F, V or u1)", "p": "all parameters",
+    "t": "the time", "u": "what laws call the first input of any plant (say F, V or u1)",
+    "p": "what laws call all parameters together (say p_in or pressure)",
     "replaced": "a word of the program",
 }  # fmt: skip
 LENGTH, ANGLE = "m", "rad"

@@ -87,6 +87,19 @@ def test_several_inputs_are_steered_about_the_point_that_they_hold(folder: Path)
     assert all(name in (folder / "law.svg").read_text() for name in ("h1", "h2", "q1", "q2"))
 
 
+def test_an_input_that_is_not_steered_is_held(folder: Path) -> None:
+    at = ("--at", "q1=2e-5,q2=1e-5,h1=0.1,h2=0.1")
+    words = ("--plant", "pumps.yaml", *at, "--poles=-0.05,-0.06", "--out", "law.yaml", "--figure", "law.svg")
+    told = result("placement", *words, "--steer", "q1")
+    file = load_plant_controller(folder / "law.yaml")
+    assert file.inputs == {"q1": "m3/s"} and file.limits == {"q1": 2e-4} and np.shape(file.gains.feedback) == (1, 2)
+    assert file.operating_point == pytest.approx({"q1": 2e-5, "h1": 0.1, "h2": 0.1})
+    assert all(told["closed_loop"][name]["settles_s"] is not None for name in ("h1", "h2"))
+    assert "q2: held, the law does not move it" in told["notes"]
+    code, _, error = hoopd("design", "lqg", "--plant", "pumps.yaml", *at, "--steer", "q3")
+    assert code == 2 and "--steer: q3: is no input of the plant; known: q1, q2" in error
+
+
 def test_the_run_has_the_friction_and_the_limit_that_the_linear_model_has_not(folder: Path) -> None:
     words = ("placement", "--poles=-20+10j,-20-10j")
     free, dry = (result(*words, *more) for more in (("--plant", "axis"), ("--model", "dry.yaml", "--out", "law.yaml")))
@@ -132,6 +145,7 @@ def test_the_python_interface_designs_linearizes_and_saves_the_same(folder: Path
     [
         (("placement", "--plant", "axis"), "--poles: 2 are needed, in rad/s (x, dx), not 3"),
         (("pid", "--plant", "axis"), "LAW: pid is a law of the hoop"),
+        (("foo", "--plant", "axis"), "LAW: foo is no law; of other plants: lqg, placement"),
         (("lqg", "--plant", "axis", "--recording", "a.mcap"), "--recording: is of the hoop's laws"),
         (("lqg", "--plant", "axis", "--omega", "3"), "--omega: is of the hoop's laws"),
         (("lqg", "--plant", "axis", "--delay", "0.1"), "--delay: is of the hoop's laws"),

@@ -20,6 +20,7 @@ from hoopd.diagnose.record import (
     Placebo,
     Quantity,
     Refused,
+    Visible,
 )
 from hoopd.diagnose.report import headline, plain_words, sentences as words, table_notes, tables
 from hoopd.diagnose.report.page import page
@@ -331,3 +332,14 @@ def test_what_remains_beside_a_named_effect_is_said() -> None:
     said = headline.verdict_sentence(diagnosis)
     assert "not in the library acts in slot" in said and "beside hoop.coulomb_friction" in said
     assert "83.0 % of what the re-fitted base leaves" in printed(diagnosis).replace("\n", "")
+
+
+def test_what_is_not_excluded_is_not_called_invisible() -> None:
+    """Beside a finding nothing is left of what does the same; in its place it shows as much."""
+    blind = Visible(smallest=None, unit="N m", parameter="Fc")
+    found = coulomb()[0].effects[0]
+    said = words.invisible_sentence({"frame.tilt": blind, "hoop.imbalance": blind}, [found])
+    assert "frame.tilt" in said and "hoop.imbalance" in said
+    instead = msgspec.structs.replace(found, not_excluded=["frame.tilt"])
+    said = words.invisible_sentence({"frame.tilt": blind, "hoop.imbalance": blind}, [instead])
+    assert "frame.tilt" not in said and "hoop.imbalance" in said

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from hoopd.commands.options.declaration import argument, option
+from hoopd.commands.options.declaration import argument, names_of, option
 from hoopd.commands.options.shared import figure_option, json_option, model_option, plant_option
 
 
@@ -24,6 +24,14 @@ class DesignOptions:
         text="Another plant: inputs that are held, and states near which to look for the equilibrium.",
         metavar="NAME=VALUE,...",
         default="",
+    )
+    steer: tuple[str, ...] = option(
+        "--steer",
+        text="Another plant of several inputs: those that the law moves (all of them); the others stay as --at holds "
+        "them, as a measured disturbance does.",
+        metavar="NAMES",
+        default="",
+        read=names_of,
     )
     out: Path | None = option("--out", text="Write the controller file here.", metavar="CONTROLLER", python=False)
     recording: str | None = option("--recording", text="arx: the run that the model is fitted to.", metavar="REC")

@@ -132,6 +132,8 @@ def why_by_hand(plants: Sequence[Plant]) -> str:
         return "Signals are proposed for plants with one input, and this one has several: by hand."
     if any(plant.driven is not None for plant in plants):
         return "No signal of the menu is safe and reaches both on the fitted model: by hand."
+    if any(plant.coordinates and plant.first_order for plant in plants):
+        return "Signals are proposed for drives of a coordinate, and this plant's acts through a state: by hand."
     if any(plant.coordinates for plant in plants):
         return "The drive does not move what was recorded: by hand."
     return "Signals are proposed for drives of a coordinate, and this plant has none: by hand."

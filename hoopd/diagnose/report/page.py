@@ -211,7 +211,7 @@ def _power(diagnosis: Diagnosis, shown: Shown) -> str:
     if not diagnosis.power:
         return ""
     body = paragraph("An effect smaller than this could be there without these recordings showing it.")
-    body += paragraph(words.invisible_sentence(diagnosis.power))
+    body += paragraph(words.invisible_sentence(diagnosis.power, diagnosis.effects))
     if any(one.largest for one in diagnosis.power.values()):
         caption = "From the smallest size that would have been seen to the largest that is expected."
         body += drawing(figures.draw_power(diagnosis.power), "visible", "Smallest visible size of each effect", caption)

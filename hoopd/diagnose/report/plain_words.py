@@ -71,14 +71,19 @@ def _sure(effect: EffectFinding) -> str:
 
 
 def _rest(effect: EffectFinding, diagnosis: Diagnosis) -> str:
-    """What it is otherwise: laws of the same place, the likeliest first, or none that is known.
+    """What it is otherwise: laws of the same place and those that are not excluded in others, the likeliest first, or
+    none that is known.
 
     Without numbers: those of the candidates count whatever acts beside it, too, and add up to more.
     """
     named = {one.name for one in diagnosis.effects}
     others = [one for one in diagnosis.candidates if one.name not in named and one.counted_with != effect.name]
     likely = [(one.probability or 0.0, one.name) for one in others]
-    here = sorted(one for one in likely if one[1].partition(".")[0] == effect.slot and one[0] >= LEAST_LIKELY)
+    here = sorted(
+        one
+        for one in likely
+        if (one[1].partition(".")[0] == effect.slot or one[1] in effect.not_excluded) and one[0] >= LEAST_LIKELY
+    )
     rivals = [name for _, name in here[::-1][:RIVALS]]
     none = next((value for value, name in likely if name == NONE_OF_THESE), 0.0)
     if none >= LEAST_LIKELY and len(named) == 1:

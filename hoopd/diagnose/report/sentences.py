@@ -6,7 +6,7 @@ Rules of this file: nothing is judged here, only said; a sentence about nothing 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from hoopd.diagnose.record import (
     NONE_OF_THESE,
@@ -263,9 +263,13 @@ def error_sentence(fit: FitTable) -> str:
     return f"Windows that carry the error that is left: {listed(told)}."
 
 
-def invisible_sentence(power: Mapping[str, Visible]) -> str:
-    """Effects of which these recordings show nothing, however large; empty when there is none."""
-    blind = [name for name, one in power.items() if one.smallest is None]
+def invisible_sentence(power: Mapping[str, Visible], effects: Sequence[EffectFinding]) -> str:
+    """Effects of which these recordings show nothing beside the findings, however large; empty when there is none.
+
+    What may be there in a finding's place shows as much as the finding does.
+    """
+    instead = {name for one in effects for name in one.not_excluded}
+    blind = [name for name, one in power.items() if one.smallest is None and name not in instead]
     return f"Not visible in these recordings at any size expected: {listed(blind)}." if blind else ""
 
 

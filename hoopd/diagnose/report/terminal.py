@@ -51,7 +51,7 @@ def report_text(diagnosis: Diagnosis, console: Console) -> None:
         # numbers of effects stand above
         _table(tables.parameters(replace(diagnosis, effects=[])), console)
     _table(tables.alternatives(diagnosis), console)
-    _sentences([words.invisible_sentence(diagnosis.power)], console)
+    _sentences([words.invisible_sentence(diagnosis.power, diagnosis.effects)], console)
     _next(diagnosis, console)
     _quality(diagnosis, console)
     _sentences(diagnosis.notes, console)
