@@ -18,6 +18,7 @@ from hoopd.diagnose.search.excluded_intervals import CountedData, looked_at_agai
 from hoopd.diagnose.search.mechanism_search import name_mechanisms
 from hoopd.diagnose.search.naming import Named, leave_out_worthless, name_effects
 from hoopd.diagnose.search.simpler_names import tell_simply
+from hoopd.diagnose.search.told_by_intervals import told_by_intervals
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.effects.grammar.mechanism import Mechanism
 from hoopd.plants.effects.grammar.mechanisms import mechanisms
@@ -46,6 +47,7 @@ def searched(case: Case) -> Searched:
     named = name_effects(data.kept, case.library, nominal, base, case.settings)
     named, data, data_held = _started(case, named, data, data_held)
     named, data = looked_at_again(named, data, case.settings.threshold)
+    named, data = told_by_intervals(named, data, Judge(data.kept, case.library, case.settings))
     grammar = _mechanisms(case, data)
     library = with_mechanisms(case, named, data, grammar)
     data_held, runs = _heldout_again(named, data_held, HeldOut(data_held.kept))

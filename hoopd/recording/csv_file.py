@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from datetime import UTC, datetime
 from functools import partial
 from io import TextIOWrapper
 from itertools import chain
@@ -249,10 +250,11 @@ def _numbers(
     for k, name in enumerate(names):
         if name == SKIP:
             continue
+        read = _instant if _is_instant(block[0][1][k]) else _number
         try:
-            data[:, k] = [_number(cells[k]) for _, cells in block]
+            data[:, k] = [read(cells[k]) for _, cells in block]
         except ValueError:
-            raise _no_number(block, k, name, path) from None
+            raise _no_number(block, k, read, name, path) from None
     return np.array([number for number, _ in block]), data
 
 
@@ -266,10 +268,28 @@ def _number(cell: str) -> float:
     return float(text)
 
 
-def _no_number(block: list[tuple[int, list[str]]], k: int, name: str, path: Path) -> InputError:
+def _instant(cell: str) -> float:
+    """Seconds since 1970 of an ISO 8601 date with its time of day, in UTC unless it says its zone; else ValueError."""
+    found = datetime.fromisoformat(cell.strip())
+    return (found if found.tzinfo is not None else found.replace(tzinfo=UTC)).timestamp()
+
+
+def _is_instant(cell: str) -> bool:
+    """Whether it is a date and no number."""
+    try:
+        _instant(cell)
+    except ValueError:
+        return False
+    return not _is_of_numbers([cell])
+
+
+def _no_number(
+    block: list[tuple[int, list[str]]], k: int, read: Callable[[str], float], name: str, path: Path
+) -> InputError:
     for number, cells in block:
         try:
-            _number(cells[k])
+            read(cells[k])
         except ValueError:
-            return InputError(path, f"line {number}, column {name}", f"expected a number, found {cells[k]!r}")
+            expected = "a number" if read is _number else "a date"
+            return InputError(path, f"line {number}, column {name}", f"expected {expected}, found {cells[k]!r}")
     raise AssertionError("no cell was refused")

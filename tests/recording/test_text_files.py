@@ -41,6 +41,15 @@ def test_cells_and_commas(tmp_path: Path, name: str, text: str, columns: str | N
     assert (found.F.tolist(), found.x.tolist()) == ([1.0, -1.5e-3], [2.0, 2.5])
 
 
+@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
+def test_dates_with_times_of_day_are_times(tmp_path: Path, zone: str) -> None:
+    rows = [f"2026-03-01T08:59:{second}{zone},1,2" for second in ("30", "59.5")] + [f"2026-03-01 09:00:29{zone},1,2"]
+    found = loaded(tmp_path, "a.csv", "\n".join(["timestamp,F,x", *rows]))
+    assert (found.t - found.t[0]).tolist() == [0.0, 29.5, 59.0]
+    with pytest.raises(InputError, match="line 3, column timestamp: expected a date, found '2026-13-01'"):
+        loaded(tmp_path, "a.csv", "timestamp,F,x\n2026-03-01T08:59:30,1,2\n2026-13-01,1,2\n")
+
+
 def test_a_percent_sign_in_a_name_is_no_remark(tmp_path: Path) -> None:
     duty = SignalLayout({"duty": ""}, {"x": "m"})
     for name, between in (("a.tsv", "\t"), ("a.csv", ","), ("b.csv", ";")):

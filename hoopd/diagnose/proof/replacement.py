@@ -17,9 +17,7 @@ from hoopd.diagnose.proof.fit_tables import Played
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.search.candidates import Judge, Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named, taken_out
-
-# Neighbours that are fitted, the first of the screen.
-MOST_TRIED = 3
+from hoopd.diagnose.search.neighbours import neighbours
 
 
 def replace_denied(named: Named, held: HeldOut, judge: Judge, seed: int = 0) -> None:
@@ -47,7 +45,7 @@ def _neighbour(named: Named, held: HeldOut, judge: Judge, one: Tried, seed: int)
     """The first that neither folds nor held-out data refuse."""
     without, before = named.without[one.effect.name], held.played_of(named.without[one.effect.name])
     least = max(judge.settings.threshold, surprise_in(named, one) - NOT_EXCLUDED_NATS)
-    for other in _tried(named, judge, one):
+    for other in neighbours(named, judge, one):
         if other.surprise < least:
             return None
         ahead = max(named.final.criterion - other.fit.criterion, 0.0)
@@ -59,18 +57,3 @@ def _neighbour(named: Named, held: HeldOut, judge: Judge, one: Tried, seed: int)
             if denial(before, after, gain, len(named.accepted), seed) is None:
                 return other
     return None
-
-
-def _tried(named: Named, judge: Judge, one: Tried) -> list[Tried]:
-    """Effects of the same slot fitted in its place, most evidence first."""
-    mine, without = one.effect, named.without[one.effect.name]
-    near = {
-        name: effect for name, effect in judge.library.items()
-        if effect.slot == mine.slot and name != mine.name and name not in mine.same_as
-    }  # fmt: skip
-    asked = Judge(judge.train, near, judge.settings)
-    found = []
-    for score in asked.proposals(without, without.names)[:MOST_TRIED]:
-        judge.settings.progress(f"{score.member.effect.name} in place of {mine.name}")
-        found.append(asked.tried(without, score))
-    return sorted(found, key=lambda other: -other.surprise)
