@@ -18,6 +18,7 @@ from hoopd.diagnose.proof.denial import Denial
 from hoopd.diagnose.proof.held_out import HeldOut
 from hoopd.diagnose.proof.replacement import replace_denied
 from hoopd.diagnose.proof.worse_channels import lowered
+from hoopd.diagnose.search import neighbours
 from hoopd.diagnose.search.candidates import Judge, Settings
 from hoopd.plants.effects.library import library
 from hoopd.plants.likelihood.fitting import HypothesisFit, fit
@@ -55,9 +56,9 @@ def test_neighbours_are_effects_of_the_same_slot(
         asked.append([*near])
         return SimpleNamespace(proposals=lambda *_: [])
 
-    monkeypatch.setattr(replacement, "Judge", judge)
+    monkeypatch.setattr(neighbours, "Judge", judge)
     named = named_with(*fits)
-    replacement._tried(named, Judge([], library(PLANT), Settings()), named.accepted[0])
+    neighbours.neighbours(named, Judge([], library(PLANT), Settings()), named.accepted[0])
     assert "hoop.quadratic_drag" in asked[0] and FRICTION.name not in asked[0]
     assert {name.split(".")[0] for name in asked[0]} == {"hoop"}
 
@@ -71,7 +72,7 @@ def test_a_neighbour_that_folds_refuse_takes_no_place(lost: float | None, monkey
     judge: Any = SimpleNamespace(settings=Settings(), fold_loss=lambda *_: lost)
     held: Any = SimpleNamespace(played_of=lambda _: object())
     one: Any = SimpleNamespace(effect=FRICTION)
-    monkeypatch.setattr(replacement, "_tried", lambda *_: [other])
+    monkeypatch.setattr(replacement, "neighbours", lambda *_: [other])
     monkeypatch.setattr(replacement, "surprise_in", lambda *_: 30.0)
     monkeypatch.setattr(replacement, "denial", lambda *_: None)
     assert replacement._neighbour(named, held, judge, one, 0) is (other if lost is None else None)
