@@ -22,7 +22,7 @@ from hoopd.diagnose.searched import Searched
 
 
 @dataclass(frozen=True)
-class Proven:
+class ProvenNames:
     """The names that are told, with what proves or denies them."""
 
     missing: Missing  # what has no name
@@ -38,7 +38,7 @@ class Proven:
         return self.missing.unknown
 
 
-def proven(case: Case, found: Searched) -> Proven:
+def proven(case: Case, found: Searched) -> ProvenNames:
     """Names that explain nothing beside what has none are dropped from `found.named`."""
     named, runs, threshold = found.named, found.runs, case.settings.threshold
     effects = list(found.library.values())
@@ -60,4 +60,4 @@ def proven(case: Case, found: Searched) -> Proven:
             missing = instead
             fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
             said = confirmation(named, runs, fits, missing.proof, threshold, case.seed, {})
-    return Proven(missing, fits, said, proofs, refused, doubts)
+    return ProvenNames(missing, fits, said, proofs, refused, doubts)

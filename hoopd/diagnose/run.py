@@ -33,7 +33,7 @@ from hoopd.diagnose.proof.power import visible
 from hoopd.diagnose.proof.told_together import together_sentence
 from hoopd.diagnose.proof.window_lengths import growth_sentence
 from hoopd.diagnose.proof.written_parameters import Written, written_parameters
-from hoopd.diagnose.proven import Proven, proven
+from hoopd.diagnose.proven import ProvenNames, proven
 from hoopd.diagnose.record import SCHEMA, DataQuality, Diagnosis, NextExperiment
 from hoopd.diagnose.record_file import rounded
 from hoopd.diagnose.report.curve_pictures import shown_of
@@ -85,7 +85,7 @@ def diagnose(case: Case) -> Outcome:
     return Outcome(rounded(diagnosis), named, said.written, said.fits, proof.unknown, case.progress, told.large)
 
 
-def _record(case: Case, found: Searched, proof: Proven, told: Weighed) -> Diagnosis:
+def _record(case: Case, found: Searched, proof: ProvenNames, told: Weighed) -> Diagnosis:
     named, threshold, effects, final = found.named, case.settings.threshold, told.effects, told.said.final
     verdict = verdict_of(named, effects, proof.unknown, threshold)
     diagnosis = Diagnosis(
@@ -109,7 +109,7 @@ def _record(case: Case, found: Searched, proof: Proven, told: Weighed) -> Diagno
     return diagnosis if told.large is None else told.large.told_in(diagnosis)
 
 
-def _data_quality(case: Case, found: Searched, proof: Proven, final: HypothesisFit) -> DataQuality:
+def _data_quality(case: Case, found: Searched, proof: ProvenNames, final: HypothesisFit) -> DataQuality:
     data, held = found.data, found.data_held
     notes = [
         *proof.doubts,

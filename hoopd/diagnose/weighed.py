@@ -26,7 +26,7 @@ from hoopd.diagnose.proof.large_disturbance import LargeDisturbance, large_distu
 from hoopd.diagnose.proof.not_excluded import Separation, separations
 from hoopd.diagnose.proof.probabilities import beside_faults, where_recordings_differ
 from hoopd.diagnose.proof.window_lengths import window_of
-from hoopd.diagnose.proven import Proven
+from hoopd.diagnose.proven import ProvenNames
 from hoopd.diagnose.record import EffectFinding, FitTable, FreeRunChoice
 from hoopd.diagnose.search.candidates import Judge
 from hoopd.diagnose.search.excluded_intervals import CountedData
@@ -47,7 +47,7 @@ class Weighed:
     shares: Mapping[str, float]  # candidates' probabilities
 
 
-def weighed(case: Case, found: Searched, proof: Proven) -> Weighed:
+def weighed(case: Case, found: Searched, proof: ProvenNames) -> Weighed:
     """What names stand for, beside everything else that could."""
     named, data, said, unknown = found.named, found.data, proof.said, proof.unknown
     table = _table(case, found, proof)
@@ -83,7 +83,7 @@ def weighed(case: Case, found: Searched, proof: Proven) -> Weighed:
     )
 
 
-def _table(case: Case, found: Searched, proof: Proven) -> FitTable:
+def _table(case: Case, found: Searched, proof: ProvenNames) -> FitTable:
     named, said = found.named, proof.said
     fitted = found.runs.played({"nominal": named.nominal, "base": named.base, "final": said.final})
     return FitTable(

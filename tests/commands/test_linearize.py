@@ -195,7 +195,7 @@ def judge_figure(tmp_path: Path, extra: dict[str, Any]) -> None:
         (["--model", THESIS, "--hoop-speed", "1000"], "--hoop-speed: no equilibrium at 1000 rad/s"),
         (["--model", THESIS, "--psi", "nan"], "--psi: must be a finite number"),
         (["--model", THESIS, "--psi", "0.1", "--top"], "--psi: cannot be given together with --top"),
-        (["--model", THESIS, "--sample-time", "-1"], "--sample-time: must be between 1e-05 and 10 s"),
+        (["--model", THESIS, "--sample-time", "-1"], "--sample-time: must be between 1e-05 and 3600 s"),
         (["--model", MODELS / "hoop.yaml", "--top", "--sample-time", "10"], "--sample-time: the plant runs away"),
         (["--model", THESIS, "--delay", "2"], "--delay: counts samples: give --sample-time too"),
         (["--model", THESIS, "--sample-time", "0.02", "--delay", "-1"], "--delay: must be 0 to 100 samples"),

@@ -193,7 +193,9 @@ def _without_bursts(
     found = bursts(channel.outliers, channel.counts | channel.outliers)
     if not found:
         return channel
-    segments += [(*_span(recording, a, b), f"{channel.name}: a burst of false values") for a, b in found]
+    segments += [
+        (*_span(recording, a, b), f"{channel.name}: values off the course of those about them") for a, b in found
+    ]
     inner = inside(len(recording), found)
     outside = channel.outliers & ~inner
     return replace(channel, counts=channel.counts & ~inner, outliers=outside, ignored=channel.ignored | inner)
