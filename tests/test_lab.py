@@ -112,7 +112,7 @@ def test_a_changed_model_is_another_one_and_comes_back_from_its_file(thesis, tmp
         (lambda: lab.design("lqg", plant="axis", method="zoh"), "method are of the hoop's laws"),
         (lambda: lab.linearize(plant="axis", psi=0.1), "are of the hoop"),
         (lab.linearize, "linearize takes a model"),
-        (lambda: lab.linearize("hoop", at={"x": 1.0}), "at and steer are of other plants"),
+        (lambda: lab.linearize("hoop", at={"x": 1.0}), "at is of other plants"),
         (lambda: lab.linearize(plant="axis", at={"y": 1.0}), "y: unknown; known: F, x, dx"),
         (lambda: lab.linearize(lab.model("hoop"), plant="axis"), "knows its plant"),
         (lambda: lab.design("pid", lab.model("hoop"), omega=-3), "omega_rad_s: must be above"),
