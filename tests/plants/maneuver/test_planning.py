@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from samples import sampled
 
 from hoopd.core.tracker import LONGEST_PLAN_TICKS
-from hoopd.files.model import EffectEntry, ModelFile, Parameter
+from hoopd.files.model import EffectEntry, InnerHoop, ModelFile, Parameter
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.trajectory import parse_trajectory, trajectory_text
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
@@ -228,6 +228,14 @@ def test_a_throw_that_no_ball_has_is_refused(asked: dict[str, Any], says: str) -
 def test_a_throw_with_too_little_torque_says_which_part() -> None:
     with pytest.raises(InfeasibleError, match=r"no run-up of a throw in .* s: it would exceed torque"):
         plan_trajectory(HOOP, ManeuverQuestion("throw", MotionLimits(0.01, 40.0, 0.5)))
+
+
+def test_a_flight_keeps_the_torque_s_limit_too() -> None:
+    """A run-up with little torque leaves a hoop that is slow: in the air it would take 0.47 N m to meet the ball."""
+    inner = msgspec.structs.replace(HOOP, device=msgspec.structs.replace(HOOP.device, inner=InnerHoop(0.0445)))
+    with pytest.raises(InfeasibleError, match="no up: in the flight it would exceed torque by 2") as caught:
+        plan_trajectory(inner, ManeuverQuestion("up", MotionLimits(0.15, 40.0, 0.5, 0.6)))
+    assert caught.value.group == "torque" and caught.value.excess > 1.0
 
 
 def test_no_plan_needs_more_grip_than_the_model_s_contact_has() -> None:
