@@ -244,8 +244,9 @@ def _attempt(
 ) -> dict[str, Any]:
     began, ended = float(run.t[0]), run.ended_t
     outcome = judge_maneuver(run, track_m, gravity)
-    short = outcome.shortfalls(trajectory.maneuver, trajectory.turn)
-    off = angle_errors(run, np.array(trajectory.plan.states), trajectory.sample_time_s)
+    states = np.array(trajectory.plan.states)
+    short = outcome.shortfalls(trajectory.maneuver, trajectory.turn, float(np.abs(states[:, 2]).max()))
+    off = angle_errors(run, states, trajectory.sample_time_s)
     return {
         "began_s": began,
         "played_s": round(ended - began, 6),

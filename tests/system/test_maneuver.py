@@ -121,6 +121,15 @@ def test_torques_alone_lose_the_ball_of_a_weaker_drive_and_feedback_does_not(tmp
     assert played(tmp_path / "fed_back", weaker)["succeeded"] == 1
 
 
+def test_a_swing_that_hardly_moves_is_none(tmp_path: Path) -> None:
+    planned = plan_trajectory(HOOP, ManeuverQuestion("swing", MotionLimits(0.45, 40.0, 0.5, 0.6), angle_rad=0.8))
+    weak = "sim.effects=[{name: actuator.torque_gain, parameters: {k: 0.1}}]"
+    result = played(tmp_path, weak, file=trajectory_file(planned, "models/hoop.yaml", "ab", "swing"))
+    (attempt,) = result["attempts"]
+    assert attempt["ended"] == "done" and attempt["shortfalls"] == ["swung by 0.16 rad, not by 0.8"]
+    assert not attempt["success"] and result["exit"] == 1
+
+
 def test_without_the_suspended_row_the_tick_stops_the_ball(tmp_path: Path) -> None:
     plan = msgspec.structs.replace(trajectory().plan, suspends=[])
     result = played(tmp_path, file=msgspec.structs.replace(trajectory(), plan=plan))
