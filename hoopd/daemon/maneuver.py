@@ -73,7 +73,7 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     if options.sim:
         config = _with_flights(config, options.config, asked.trajectory)
     texts = read_texts(config, options.config)
-    conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
+    conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat, armed=options.sim or options.arm)
     options = options._replace(duration_s=_longest(asked, options))
     notes = _notes(asked.trajectory, config, texts)
     for note in notes:  # before any torque
