@@ -52,7 +52,7 @@ def run(options: ManeuverOptions) -> dict[str, Any]:
     if options.correction is not None:
         from hoopd.commands.maneuver_learning import with_correction
 
-        trajectory = with_correction(trajectory, options.trajectory, options.correction)
+        trajectory = with_correction(trajectory, options.correction, options, rig)
     return _played(options, rig, trajectory, name)
 
 

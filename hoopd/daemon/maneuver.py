@@ -26,7 +26,7 @@ from hoopd.daemon.build import Texts, limits_in_force, model_path, read_texts
 from hoopd.daemon.maneuver_conductor import REST_PATIENCE_S, SETTLE_S, ManeuverConductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.daemon.replay import recorded_config
-from hoopd.files.controller import parse_controller
+from hoopd.files.controller import ControllerFile, ControllerLimits, parse_controller
 from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
@@ -62,6 +62,12 @@ def filter_model(options: Options) -> Path:
     otherwise."""
     config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
     return model_path(config, options.config)
+
+
+def torque_in_force(options: Options) -> float:
+    """The largest torque that a maneuver may ask for, N m."""
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    return _in_force(config, read_texts(config, options.config))[2].torque_nm
 
 
 def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
@@ -113,9 +119,16 @@ def _longest(asked: AskedManeuver, options: Options) -> float | None:
     return asked.repeat * each + 5.0 if options.sim or options.arm else None
 
 
+def _in_force(config: Config, texts: Texts) -> tuple[ControllerFile, ModelFile, ControllerLimits]:
+    """The law that a maneuver begins from, the filter's model, and the limits that bound both."""
+    base = parse_controller(texts.controller, config.control.file)
+    model = parse_model(texts.model, config.device.model or base.model)
+    return base, model, limits_in_force(config, model, base)
+
+
 def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
     """What the tick is told: the trajectory as a controller with the filter, the model and the limits in force."""
-    base = parse_controller(texts.controller, config.control.file)
+    base, model, limits = _in_force(config, texts)
     if config.control.law or base.kind in ("excitation", "maneuver"):
         raise InputError(config.control.law or config.control.file, "", "is no law that a maneuver could begin from")
     if not config.faults.ball_expected:
@@ -124,10 +137,8 @@ def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
     if abs(sample_time_s - config.loop.period_s) > 1e-9:
         reason = f"planned for {sample_time_s:g} s, the loop's period is {config.loop.period_s:g} s"
         raise InputError(asked.name, "sample_time_s", reason)
-    model = parse_model(texts.model, config.device.model or base.model)
     if asked.trajectory.maneuver == UP and model.device.inner is None:
         raise InputError(asked.name, "maneuver", "is a way up to an inner hoop, and the filter's model has none")
-    limits = limits_in_force(config, model, base)
     asks_nm = max(abs(torque) for torque in asked.trajectory.plan.torques_nm)
     if asks_nm > limits.torque_nm:
         raise InputError(

@@ -155,6 +155,40 @@ def test_what_teaches_nothing_ends_it(
         assert len(kept.attempts) == 1 and kept.best is not None and kept.torques_nm == kept.best.torques_nm
 
 
+def test_with_less_torque_in_force_a_correction_stays_within_it(tmp_path: Path, planned: str) -> None:
+    """The plan's own torque is all that is left at its largest: nothing is added there, and it goes on."""
+    (tmp_path / "swing.yaml").write_text(planned, encoding="utf-8")
+    largest = max(map(abs, load_trajectory(tmp_path / "swing.yaml").plan.torques_nm))
+    limit = f"limits.torque_nm={largest + 0.001:.3f}"
+    result = run(options(tmp_path, planned, FRICTION, limit, learn=True, repeat=2))
+    assert result["played"] == 2 and result["exit"] == 0, result
+    assert 0.0 < result["attempts"][1]["correction_nm"]
+    asked = played_torques(tmp_path / "run_2.mcap")
+    assert max(map(abs, asked)) <= largest + 0.0015
+    # what was learned with more in force is played with less
+    beside = correction_beside(tmp_path / "swing.yaml")
+    beside.write_text(re.sub(r"(?m)^torques_nm: \[[^]]*\]", f"torques_nm: {[0.02] * len(asked)}", beside.read_text()))
+    again = run(options(tmp_path, planned, FRICTION, limit, learn=True, repeat=1, out=tmp_path / "again.mcap"))
+    assert again["played"] == 1 and max(map(abs, played_torques(tmp_path / "again_1.mcap"))) <= largest + 0.0015
+
+
+def test_an_attempt_that_cannot_be_played_leaves_what_was_told(
+    tmp_path: Path, planned: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    canned(monkeypatch, [0.5], {})
+    play = maneuver_learning.play
+
+    def once(asked: Any, rig: Any, where: Any) -> dict[str, Any]:
+        if where.file.name.endswith("_2.mcap"):
+            raise InputError("the disk", "", "is full")
+        return play(asked, rig, where)
+
+    monkeypatch.setattr(maneuver_learning, "play", once)
+    result, kept = told_run(tmp_path, planned, 3)
+    assert result["exit"] == 1 and result["outcome"] == "attempt 2 was not played: the disk: is full"
+    assert result["played"] == 1 and len(kept.attempts) == 1
+
+
 def test_a_trajectory_of_another_model_is_refused(tmp_path: Path, planned: str) -> None:
     text = re.sub(r"model_sha256: \w+", "model_sha256: '00'", planned)
     with pytest.raises(InputError, match="no longer, the model"):
