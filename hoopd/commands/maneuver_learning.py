@@ -120,6 +120,15 @@ class _Learner:
         """The trajectory with the correction as it is now."""
         return corrected(self.trajectory, self.file.torques_nm, self.limit_nm)
 
+    @property
+    def played(self) -> int:
+        """Attempts until now, whether they taught anything or not."""
+        return len(self.file.attempts) + self.file.untaught
+
+    def count_untaught(self) -> None:
+        """One attempt more was played, and taught nothing."""
+        self.file = msgspec.structs.replace(self.file, untaught=self.file.untaught + 1)
+
     def go_back(self) -> None:
         """Let the next attempt be played as the best one was."""
         if self.file.best is not None:
@@ -203,6 +212,7 @@ def _taught(learner: _Learner, result: dict[str, Any], row: dict[str, Any], k: i
             raise ValueError(off)
         attempt = smoothed_attempt(Path(result["file"]), learner.trajectory, learner.model)
     except (ValueError, InputError) as error:
+        learner.count_untaught()
         if not ended_early:
             learner.go_back()
         why = f"{result['outcome']}: {error}" if ended_early and str(error) != result["outcome"] else str(error)
@@ -271,7 +281,7 @@ def _planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
 def _attempt(options: ManeuverOptions, rig: Options, learner: _Learner, k: int) -> dict[str, Any]:
     """One run: its own file, and on the rig its own noise, another one than of all attempts before."""
     asked = AskedManeuver(learner.next_attempt(), learner.path.name)
-    return play(asked, rig._replace(seed=rig.seed + len(learner.file.attempts)), _where(options, k))
+    return play(asked, rig._replace(seed=rig.seed + learner.played), _where(options, k))
 
 
 def _where(options: ManeuverOptions, k: int) -> Where:

@@ -31,7 +31,7 @@ from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
-from hoopd.plants.hoop.effects.contact_modes import AIR
+from hoopd.plants.hoop.effects.contact_modes import AIR, INNER
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, angle_errors, judge_maneuver
 from hoopd.plants.hoop.maneuver.maneuver_question import UP
@@ -237,7 +237,8 @@ def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -
     table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks]).reshape(-1, 8)
     away = _distances(run)
     distance = np.array([away.get(tick.id, nan) for tick in ticks])
-    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t, distance)
+    inner = np.array([tick.ball_mode == INNER for tick in ticks], bool)
+    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t, distance, inner)
 
 
 def _distances(run: RecordedRun) -> dict[int, float]:

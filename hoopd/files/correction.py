@@ -59,6 +59,7 @@ class CorrectionFile(Strict, frozen=True):
     unexplained: list[Row]
     attempts: list[LearnedAttempt]
     best: BestCorrection | None = None
+    untaught: int = 0  # attempts that were played and taught nothing
 
 
 def correction_beside(trajectory: Path) -> Path:

@@ -44,6 +44,8 @@ class RecordedManeuver(NamedTuple):
         When the maneuver ended, s.
     distance : ndarray, shape (n,), optional
         Of the ball from the axis in the pictures, in shares of what it is on the hoop; NaN without a ball.
+    inner : ndarray of bool, shape (n,), optional
+        Whether the ball was on the inner hoop, by the estimate.
     """
 
     t: Array
@@ -53,6 +55,7 @@ class RecordedManeuver(NamedTuple):
     seen: Array
     ended_t: float
     distance: Array | None = None
+    inner: NDArray[np.bool_] | None = None
 
     @property
     def bottom(self) -> float:
@@ -68,7 +71,7 @@ class ManeuverOutcome(NamedTuple):
     turns : int
         Whole turns of the ball, as psi counts.
     least_contact : float
-        Least force between hoop and ball while it was played, in weights of the ball.
+        Least force between (outer) hoop and ball while it was played, in weights of the ball.
     settled_s : float
         After its end, until ball and hoop stay settled; infinite when they do not.
     range_rad : tuple of float
@@ -204,6 +207,8 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     bottom = tau * round(float(ball[-1]) / tau)
     states = run.states[played]
     contact = (track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2
+    if run.inner is not None:
+        contact = np.where(run.inner[played], np.nan, contact)
     off = np.abs(np.where(np.isfinite(run.seen), run.seen, run.states[:, 2]) - bottom) > SETTLED_RAD
     restless = after & (off | (np.abs(run.states[:, 1]) > SETTLED_HOOP_RAD_S))
     last = run.t[restless][-1] if restless.any() else run.ended_t
@@ -212,7 +217,8 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     loose = _longest(run.t[played], contact < 0.0)
     near = nan if run.distance is None else float(np.fmin.reduce(run.distance[played]))
     seen = (float(ball.min() - ball[0]), float(ball.max() - ball[0]))
-    return ManeuverOutcome(turns, float(contact.min()), settled_s, seen, loose, near, _on_top(run, played))
+    least = float(np.fmin.reduce(contact))
+    return ManeuverOutcome(turns, least, settled_s, seen, loose, near, _on_top(run, played))
 
 
 def _on_top(run: RecordedManeuver, played: NDArray[np.bool_]) -> float:
