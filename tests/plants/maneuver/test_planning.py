@@ -16,6 +16,7 @@ from hoopd.core.tracker import LONGEST_PLAN_TICKS
 from hoopd.files.model import EffectEntry, InnerHoop, ModelFile, Parameter
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.trajectory import parse_trajectory, trajectory_text
+from hoopd.plants.hoop.maneuver import trajectory
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 from hoopd.plants.hoop.maneuver.planning import InfeasibleError
@@ -123,6 +124,23 @@ def test_what_cannot_be_planned_says_what_stands_in_the_way(name: str) -> None:
     with pytest.raises(InfeasibleError, match=f"would exceed {group}") as caught:
         plan_trajectory(HOOP, ManeuverQuestion("loop", limits, **changes))
     assert caught.value.group == group and caught.value.excess > 0.0
+
+
+def test_a_plan_that_cannot_be_tightened_is_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than its weight at rest presses no ball on: what was found first is left."""
+    far = loop().nominal._replace(end_rad=1.0)
+    found = loop()._replace(sampled=[far])
+    assert not far.arrived
+    monkeypatch.setattr(trajectory, "_planned", lambda *_: found)
+    assert plan_trajectory(HOOP, ManeuverQuestion("loop", MotionLimits(0.45, 40.0, 0.86, 0.6))) is found
+
+
+def test_no_plan_has_more_ticks_than_are_played(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = loop().motion
+    long = motion._replace(inputs=np.zeros(LONGEST_PLAN_TICKS + 1))
+    monkeypatch.setattr(trajectory, "_fed_back", lambda *_: (long, loop().gains, None, None))
+    with pytest.raises(ValueError, match=r"the loop takes 501 ticks of 0.02 s, and a plan has 500 at most"):
+        plan_trajectory(HOOP, ManeuverQuestion("loop", LIMITS))
 
 
 def test_a_swing_reaches_its_angle_at_rest_and_comes_back() -> None:
