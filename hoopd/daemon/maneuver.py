@@ -26,7 +26,7 @@ from hoopd.daemon.build import Texts, limits_in_force, model_path, read_texts
 from hoopd.daemon.maneuver_conductor import REST_PATIENCE_S, SETTLE_S, ManeuverConductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.daemon.replay import recorded_config
-from hoopd.files.controller import ControllerFile, ControllerLimits, parse_controller
+from hoopd.files.controller import ControllerFile, ControllerLimits, beyond_limits, parse_controller
 from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
@@ -139,12 +139,9 @@ def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
         raise InputError(asked.name, "sample_time_s", reason)
     if asked.trajectory.maneuver == UP and model.device.inner is None:
         raise InputError(asked.name, "maneuver", "is a way up to an inner hoop, and the filter's model has none")
-    asks_nm = max(abs(torque) for torque in asked.trajectory.plan.torques_nm)
-    if asks_nm > limits.torque_nm:
-        raise InputError(
-            asked.name, "plan.torques_nm", f"asks for {asks_nm:.3g} N m, and {limits.torque_nm:g} N m are in force: "
-            "plan with --max-torque, or on a model whose drive gives no more",
-        )  # fmt: skip
+    if beyond := beyond_limits(asked.trajectory.plan.torques_nm, limits):
+        reason = f"{beyond}: plan with --max-torque, or on a model whose drive gives no more"
+        raise InputError(asked.name, "plan.torques_nm", reason)
     loaded = LoadedController(
         file=asked.name,
         sha256=hashlib.sha256(trajectory_text(asked.trajectory).encode()).hexdigest(),
