@@ -188,7 +188,7 @@ def ended_after(modes: Sequence[tuple[float, str]], *, armed: bool) -> tuple[flo
         while not asked and t < 200.0:
             t += 0.5
             mode = [name for begins, name in modes if begins <= t][-1]
-            moving = TickRecord(t, 0, mode, 0.0, *[0.0] * 4, t, t, (0.0, 9.0, 0.0, 0.0), 0.0, 0, 0, 0.0, 0.0)
+            moving = TickRecord(t, 0, mode, 0.0, 0.0, 0.0, 0.0, 0.0, t, t, (0.0, 9.0, 0.0, 0.0), 0.0, 0, 0, 0.0, 0.0)
             conductor.put(moving, cast(Inputs, None))
     return t, conductor.outcome
 

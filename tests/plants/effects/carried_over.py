@@ -27,7 +27,7 @@ def changes_of(found: FoundEffects, x0: Array, torque_nm: float, until_s: float)
     """Every change of a run that begins on the outer hoop, driven in its first flight."""
     modes = ContactModes(found.plant, found.effects())
     course = ContactCourse(modes, found.values, modes.rolling.beginning(x0))
-    hybrid, changes = course._course, []
+    hybrid, changes = course._course, list[Change]()
     change = hybrid._change
 
     def kept(z: Array, t: float) -> None:

@@ -152,7 +152,7 @@ def test_it_lands_rolls_and_falls_as_an_independent_integrator_says(restitution:
         if back > 0.0:
             continue
         if mu < 1.0:
-            break  # without grip it slides on, which a track without slip does not know
+            break  # without grip it slides on, where a track without slip rolls at once
         energy = body.energy
         t, body, left = rolled(t, body, 1.0)
         assert left and body.energy == pytest.approx(energy, abs=1e-9)
