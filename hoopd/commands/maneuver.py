@@ -52,7 +52,7 @@ def run(options: ManeuverOptions) -> dict[str, Any]:
     if options.correction is not None:
         from hoopd.commands.maneuver_learning import with_correction
 
-        trajectory = with_correction(trajectory, options.trajectory, options.correction)
+        trajectory = with_correction(trajectory, options.correction, options, rig)
     return _played(options, rig, trajectory, name)
 
 
@@ -86,7 +86,9 @@ def _after_practice(options: ManeuverOptions, rig: Options) -> dict[str, Any]:
 def planned_with(model: ModelFile, options: TrajectoryOptions, restitution: float) -> TrajectoryFile:
     """The trajectory on a model whose ball bounces so."""
     others = [one for one in model.effects if one.name != LIFT_OFF]
-    bounces = EffectEntry(LIFT_OFF, {"restitution": Parameter(value=round(restitution, 4), unit="-")})
+    own = next((one for one in model.effects if one.name == LIFT_OFF), EffectEntry(LIFT_OFF))
+    told = {**own.parameters, "restitution": Parameter(value=round(restitution, 4), unit="-")}
+    bounces = msgspec.structs.replace(own, parameters=told)
     found = plan_on(msgspec.structs.replace(model, effects=[*others, bounces]), options)
     sha256 = hashlib.sha256(read_text(options.model).encode()).hexdigest()
     return trajectory_file(found, options.model.name, sha256, options.kind)

@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.smoothed_attempt import SmoothedAttempt, smoothed_attempt
-from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.daemon.app import Options
-from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver, run as play
+from hoopd.daemon.maneuver import DONE_ALL, NOT_ALL, AskedManeuver, run as play, torque_in_force
 from hoopd.daemon.recording_target import Where
 from hoopd.files.correction import (
     LEARNED,
@@ -62,8 +61,9 @@ WORSE, CHANCE = 1.2, 0.05
 class _Learner:
     """What is known of one trajectory."""
 
-    def __init__(self, trajectory: TrajectoryFile, path: Path, model: FoundEffects) -> None:
-        self.path, self.trajectory, self.model = path, trajectory, model
+    def __init__(self, trajectory: TrajectoryFile, path: Path, model: FoundEffects, limit_nm: float) -> None:
+        """`limit_nm`: the torque in force."""
+        self.path, self.trajectory, self.model, self.limit_nm = path, trajectory, model, limit_nm
         self.sha256 = _sha256(path)
         plan = trajectory.plan
         self.states, self.torques = np.array(plan.states), np.array(plan.torques_nm)
@@ -89,7 +89,8 @@ class _Learner:
         tick_s, file = self.trajectory.sample_time_s, self.file
         by_estimate = self.motion.by_estimate(attempt.estimates - attempt.states[:-1], tick_s)
         left = unexplained(self.step, attempt.states, attempt.torques, tick_s) + by_estimate
-        played = np.array(file.torques_nm)
+        low, high = self._bounds()
+        played = np.clip(file.torques_nm, low, high)
         told = LearnedAttempt(
             recording=recording,
             correction_nm=short(np.abs(played).max()),
@@ -98,11 +99,9 @@ class _Learner:
             success=success,
         )
         mean = mean_of_attempts(np.array(file.unexplained), len(file.attempts), left)
-        low = np.maximum(-file.limit_nm, -TORQUE_LIMIT_NM - self.torques)
-        high = np.minimum(file.limit_nm, TORQUE_LIMIT_NM - self.torques)
         best = file.best
         if best is None or told.tracking < best.tracking:
-            best = BestCorrection(tracking=told.tracking, torques_nm=file.torques_nm)
+            best = BestCorrection(tracking=told.tracking, torques_nm=rounded(played.tolist()))
         self.file = msgspec.structs.replace(
             file,
             torques_nm=rounded(np.clip(self.motion.correction(mean, low, high), low, high).tolist()),
@@ -111,6 +110,24 @@ class _Learner:
             best=best,
         )
         return told
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Of a correction, row by row: its own limit, and the torque in force less the plan's."""
+        own = self.file.limit_nm
+        return np.maximum(-own, -self.limit_nm - self.torques), np.minimum(own, self.limit_nm - self.torques)
+
+    def next_attempt(self) -> TrajectoryFile:
+        """The trajectory with the correction as it is now."""
+        return corrected(self.trajectory, self.file.torques_nm, self.limit_nm)
+
+    @property
+    def played(self) -> int:
+        """Attempts until now, whether they taught anything or not."""
+        return len(self.file.attempts) + self.file.untaught
+
+    def count_untaught(self) -> None:
+        """One attempt more was played, and taught nothing."""
+        self.file = msgspec.structs.replace(self.file, untaught=self.file.untaught + 1)
 
     def go_back(self) -> None:
         """Let the next attempt be played as the best one was."""
@@ -124,7 +141,7 @@ class _Learner:
 
 def learned(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile) -> dict[str, Any]:
     """Play attempts with what was learned in between; the result as plain data, with its exit code. InputError."""
-    learner = _learner(trajectory, learnable(options))
+    learner = _learner(trajectory, learnable(options), torque_in_force(rig))
     for k in range(options.repeat):
         _where(options, k).check()
     learner.write()
@@ -133,7 +150,13 @@ def learned(options: ManeuverOptions, rig: Options, trajectory: TrajectoryFile) 
     notes: dict[str, None] = {}
     outcome = DONE_ALL
     for k in range(options.repeat):
-        result = _attempt(options, rig, learner, k)
+        try:
+            result = _attempt(options, rig, learner, k)
+        except InputError as error:
+            if not rows:
+                raise
+            outcome = f"attempt {k + 1} was not played: {error}"
+            break
         told = (result["attempts"] or [_not_begun(result)])[0]
         rows.append({**dict.fromkeys(LEARNED), "file": result["file"], **told})
         faults.update(result["faults"])
@@ -189,6 +212,7 @@ def _taught(learner: _Learner, result: dict[str, Any], row: dict[str, Any], k: i
             raise ValueError(off)
         attempt = smoothed_attempt(Path(result["file"]), learner.trajectory, learner.model)
     except (ValueError, InputError) as error:
+        learner.count_untaught()
         if not ended_early:
             learner.go_back()
         why = f"{result['outcome']}: {error}" if ended_early and str(error) != result["outcome"] else str(error)
@@ -210,12 +234,15 @@ def _off_the_way(trajectory: TrajectoryFile, row: dict[str, Any]) -> str:
     return "" if row["turns"] == wanted else f"it went round {row['turns']:+d} times, not {wanted:+d}"
 
 
-def with_correction(trajectory: TrajectoryFile, path: Path | None, correction: Path) -> TrajectoryFile:
+def with_correction(
+    trajectory: TrajectoryFile, correction: Path, options: ManeuverOptions, rig: Options
+) -> TrajectoryFile:
     """The trajectory with the best correction of a file that was played, or its first one; InputError."""
-    if path is None:
+    if options.trajectory is None:
         raise InputError("--correction", "", "goes with --trajectory, on which it was learned")
-    file = load_correction(correction, trajectory, _sha256(path))
-    return corrected(trajectory, file.torques_nm if file.best is None else file.best.torques_nm)
+    file = load_correction(correction, trajectory, _sha256(options.trajectory))
+    torques_nm = file.torques_nm if file.best is None else file.best.torques_nm
+    return corrected(trajectory, torques_nm, torque_in_force(rig))
 
 
 def learnable(options: ManeuverOptions) -> Path:
@@ -231,14 +258,14 @@ def learnable(options: ManeuverOptions) -> Path:
     return options.trajectory
 
 
-def _learner(trajectory: TrajectoryFile, path: Path) -> _Learner:
+def _learner(trajectory: TrajectoryFile, path: Path, limit_nm: float) -> _Learner:
     """InputError for a trajectory of which nothing can be learned."""
     check_target(correction_beside(path), "--learn")
     model = _planned_on(trajectory, path)
     if late_s := delays_of(model).torque_s:
         reason = f"its torque is late by {1e3 * late_s:.3g} ms: of such a plan nothing is learned yet"
         raise InputError(path, "model", reason)
-    return _Learner(trajectory, path, model)
+    return _Learner(trajectory, path, model, limit_nm)
 
 
 def _planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
@@ -253,8 +280,8 @@ def _planned_on(trajectory: TrajectoryFile, path: Path) -> FoundEffects:
 
 def _attempt(options: ManeuverOptions, rig: Options, learner: _Learner, k: int) -> dict[str, Any]:
     """One run: its own file, and on the rig its own noise, another one than of all attempts before."""
-    asked = AskedManeuver(corrected(learner.trajectory, learner.file.torques_nm), learner.path.name)
-    return play(asked, rig._replace(seed=rig.seed + len(learner.file.attempts)), _where(options, k))
+    asked = AskedManeuver(learner.next_attempt(), learner.path.name)
+    return play(asked, rig._replace(seed=rig.seed + learner.played), _where(options, k))
 
 
 def _where(options: ManeuverOptions, k: int) -> Where:

@@ -53,10 +53,11 @@ def run(options: TrajectoryOptions) -> dict[str, Any]:
     if options.controller is not None and options.law is None:
         raise InputError("--controller", "", "goes with --law, and only with it")
     made = planned(options)
+    law = None if options.law is None else _law_text(options, made)
     if options.out is not None:
         replace_file(options.out, trajectory_text(made.file).encode())
-    if options.law is not None:
-        replace_file(options.law, _law_text(options, made).encode())
+    if options.law is not None and law is not None:
+        replace_file(options.law, law.encode())
     if options.figure is not None:
         from hoopd.plots.maneuver import draw_plan
         from hoopd.plots.style import save
@@ -114,7 +115,7 @@ def _planned(model: ModelFile, options: TrajectoryOptions, torque_nm: float) -> 
 
 
 def _law_text(options: TrajectoryOptions, made: PlannedFile) -> str:
-    """The controller file; InputError where the base's cannot be used."""
+    """The controller file; InputError where the base's cannot be used, or its limits are narrower than the plan."""
     path = or_shipped(options.controller or BASE)
     base = parse_controller(read_text(path), path)
     parsed = parse_trajectory(trajectory_text(made.file), options.law)
@@ -122,7 +123,9 @@ def _law_text(options: TrajectoryOptions, made: PlannedFile) -> str:
         parsed, msgspec.structs.replace(base, model=way_to(or_shipped(options.model), options.law))
     )
     content = msgspec.to_builtins(law)
-    return controller_text(content, f"Made by hoopd trajectory {options.kind} from {options.model.name}.")
+    text = controller_text(content, f"Made by hoopd trajectory {options.kind} from {options.model.name}.")
+    parse_controller(text, options.law)
+    return text
 
 
 def _result(options: TrajectoryOptions, made: PlannedFile) -> dict[str, Any]:

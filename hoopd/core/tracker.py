@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, nan, tau
+from math import cos, isfinite, nan, tau
 
 import numpy as np
 
@@ -232,9 +232,17 @@ class MotionTracker:
             self._braking_since = m.t
         calm = _known(m) and not brake.calm.breach(m.x, np.array([0.0, 0.0, tau * round(float(m.x[2]) / tau), 0.0]))
         if calm or not _known(m) or m.t - self._braking_since >= brake.longest_s:
-            self.ended = DONE if self._given_up == DONE else f"given up: {self._given_up}"
+            self.ended = self._end_of_brake(m)
             return 0.0
         return brake.torque(float(m.x[1]))
+
+    def _end_of_brake(self, m: Measurement) -> str:
+        """A ball that was let down rolls to and fro below the axis, where the law of the bottom takes it over."""
+        if self._given_up != DONE:
+            return f"given up: {self._given_up}"
+        if not _known(m):
+            return "let down: the estimate was lost"
+        return DONE if cos(float(m.x[2])) > 0.0 else "let down: the ball is still above the axis"
 
 
 def _known(m: Measurement) -> bool:

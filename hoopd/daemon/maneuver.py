@@ -26,12 +26,12 @@ from hoopd.daemon.build import Texts, limits_in_force, model_path, read_texts
 from hoopd.daemon.maneuver_conductor import REST_PATIENCE_S, SETTLE_S, ManeuverConductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.daemon.replay import recorded_config
-from hoopd.files.controller import parse_controller
+from hoopd.files.controller import ControllerFile, ControllerLimits, beyond_limits, parse_controller
 from hoopd.files.loaded_controller import LoadedController, text_of_loaded
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, trajectory_text
-from hoopd.plants.hoop.effects.contact_modes import AIR
+from hoopd.plants.hoop.effects.contact_modes import AIR, INNER
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.judgement import RecordedManeuver, angle_errors, judge_maneuver
 from hoopd.plants.hoop.maneuver.maneuver_question import UP
@@ -64,6 +64,12 @@ def filter_model(options: Options) -> Path:
     return model_path(config, options.config)
 
 
+def torque_in_force(options: Options) -> float:
+    """The largest torque that a maneuver may ask for, N m."""
+    config = configuration.load(options.config, sim=options.sim, overrides=list(options.sets))
+    return _in_force(config, read_texts(config, options.config))[2].torque_nm
+
+
 def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     """Play, record and judge; `exit` is 0 when every maneuver succeeded."""
     options = options._replace(sets=(*(("sim.psi_rad=0",) if options.sim else ()), *options.sets))
@@ -73,7 +79,7 @@ def run(asked: AskedManeuver, options: Options, where: Where) -> dict[str, Any]:
     if options.sim:
         config = _with_flights(config, options.config, asked.trajectory)
     texts = read_texts(config, options.config)
-    conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat)
+    conductor = ManeuverConductor(_command_text(asked, config, texts), asked.repeat, armed=options.sim or options.arm)
     options = options._replace(duration_s=_longest(asked, options))
     notes = _notes(asked.trajectory, config, texts)
     for note in notes:  # before any torque
@@ -113,9 +119,16 @@ def _longest(asked: AskedManeuver, options: Options) -> float | None:
     return asked.repeat * each + 5.0 if options.sim or options.arm else None
 
 
+def _in_force(config: Config, texts: Texts) -> tuple[ControllerFile, ModelFile, ControllerLimits]:
+    """The law that a maneuver begins from, the filter's model, and the limits that bound both."""
+    base = parse_controller(texts.controller, config.control.file)
+    model = parse_model(texts.model, config.device.model or base.model)
+    return base, model, limits_in_force(config, model, base)
+
+
 def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
     """What the tick is told: the trajectory as a controller with the filter, the model and the limits in force."""
-    base = parse_controller(texts.controller, config.control.file)
+    base, model, limits = _in_force(config, texts)
     if config.control.law or base.kind in ("excitation", "maneuver"):
         raise InputError(config.control.law or config.control.file, "", "is no law that a maneuver could begin from")
     if not config.faults.ball_expected:
@@ -124,16 +137,11 @@ def _command_text(asked: AskedManeuver, config: Config, texts: Texts) -> str:
     if abs(sample_time_s - config.loop.period_s) > 1e-9:
         reason = f"planned for {sample_time_s:g} s, the loop's period is {config.loop.period_s:g} s"
         raise InputError(asked.name, "sample_time_s", reason)
-    model = parse_model(texts.model, config.device.model or base.model)
     if asked.trajectory.maneuver == UP and model.device.inner is None:
         raise InputError(asked.name, "maneuver", "is a way up to an inner hoop, and the filter's model has none")
-    limits = limits_in_force(config, model, base)
-    asks_nm = max(abs(torque) for torque in asked.trajectory.plan.torques_nm)
-    if asks_nm > limits.torque_nm:
-        raise InputError(
-            asked.name, "plan.torques_nm", f"asks for {asks_nm:.3g} N m, and {limits.torque_nm:g} N m are in force: "
-            "plan with --max-torque, or on a model whose drive gives no more",
-        )  # fmt: skip
+    if beyond := beyond_limits(asked.trajectory.plan.torques_nm, limits):
+        reason = f"{beyond}: plan with --max-torque, or on a model whose drive gives no more"
+        raise InputError(asked.name, "plan.torques_nm", reason)
     loaded = LoadedController(
         file=asked.name,
         sha256=hashlib.sha256(trajectory_text(asked.trajectory).encode()).hexdigest(),
@@ -226,7 +234,8 @@ def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -
     table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks]).reshape(-1, 8)
     away = _distances(run)
     distance = np.array([away.get(tick.id, nan) for tick in ticks])
-    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t, distance)
+    inner = np.array([tick.ball_mode == INNER for tick in ticks], bool)
+    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t, distance, inner)
 
 
 def _distances(run: RecordedRun) -> dict[int, float]:
@@ -244,8 +253,9 @@ def _attempt(
 ) -> dict[str, Any]:
     began, ended = float(run.t[0]), run.ended_t
     outcome = judge_maneuver(run, track_m, gravity)
-    short = outcome.shortfalls(trajectory.maneuver, trajectory.turn)
-    off = angle_errors(run, np.array(trajectory.plan.states), trajectory.sample_time_s)
+    states = np.array(trajectory.plan.states)
+    short = outcome.shortfalls(trajectory.maneuver, trajectory.turn, float(np.abs(states[:, 2]).max()))
+    off = angle_errors(run, states, trajectory.sample_time_s)
     return {
         "began_s": began,
         "played_s": round(ended - began, 6),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from math import isfinite, nan, tau
+from math import inf, isfinite, nan, tau
 
 from hoopd.core.modes import ENERGISED, REVOKING, Mode
 from hoopd.core.records import Command, Inputs, TickRecord
@@ -20,7 +20,7 @@ from hoopd.core.tracker import Tolerances
 from hoopd.daemon.operator_abort import ABORTED, heard_from_terminal
 from hoopd.shell.loop import Loop
 
-# From the start, from the operator's arm, or from the last maneuver, until the ball rests.
+# From the start of a run that arms by itself, from the operator's arm, or from the last maneuver, until the ball rests.
 REST_PATIENCE_S = 25.0
 # It has to rest for so long, so that the filter knows it, and settles for so long before the next one is asked for.
 REST_S, SETTLE_S = 0.5, 3.0
@@ -34,13 +34,13 @@ class ManeuverConductor:
     trouble = False
     loads: Sequence[str] = ()  # no file: its command brings the text
 
-    def __init__(self, text: str, repeat: int) -> None:
-        """`text`: of the command that loads the maneuver."""
+    def __init__(self, text: str, repeat: int, *, armed: bool) -> None:
+        """`text`: of the command that loads the maneuver; `armed`: the run arms by itself."""
         self.outcome = ""  # why the run ended; empty: all were played
         self.played = 0
         self._text, self._repeat = text, repeat
         self._asked_t = self._resting_since = self._settling_since = nan
-        self._patience_from = 0.0
+        self._patience_from = 0.0 if armed else inf
         self._mode = Mode.DISARMED
         self._was_running = False
         self._loop: Loop | None = None
@@ -71,6 +71,8 @@ class ManeuverConductor:
     def put(self, record: TickRecord, inputs: Inputs) -> None:
         """Look at one tick."""
         self._record, self._mode = record, Mode(record.mode)
+        if self._mode in ENERGISED:
+            self._patience_from = min(self._patience_from, record.t)
         self._was_running = self._was_running or self._mode is Mode.RUNNING
         if self._was_running and self._mode not in ENERGISED and not self._done:
             self._end("stopped: the drive is off")

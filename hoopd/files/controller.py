@@ -6,6 +6,8 @@ Rules of this file: everything wrong in a file is one `InputError`; no control l
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -96,7 +98,10 @@ def controller_of(file: ControllerFile) -> Controller:
     if file.kind == "excitation":
         return _excitation(file)
     if file.kind == "maneuver":
-        return tracker_of(planned_motion_entry(file.gains))
+        entry = planned_motion_entry(file.gains)
+        if beyond := beyond_limits(entry.torques_nm, file.limits):
+            raise ValueError(f"torques_nm {beyond}")
+        return tracker_of(entry)
     if file.kind == "lqg":
         gains = _numbers(file.gains)
         missing = {"k_dtheta", "k_psi", "k_dpsi"} - gains.keys()
@@ -109,6 +114,17 @@ def controller_of(file: ControllerFile) -> Controller:
     if file.gains.keys() != {"b", "a"}:
         raise ValueError("expected b and a, the coefficients of C(z) from the highest power down")
     return TransferFunctionController(_array(file.gains, "b", 1).tolist(), _array(file.gains, "a", 1).tolist())
+
+
+def beyond_limits(torques_nm: Sequence[float], limits: ControllerLimits) -> str:
+    """By what the torques of a plan are beyond its limits; empty: they keep them."""
+    largest = max(map(abs, torques_nm))
+    step = max(abs(after - before) for before, after in pairwise([0.0, *torques_nm]))
+    if largest > limits.torque_nm:
+        return f"asks for {largest:.3g} N m, and {limits.torque_nm:g} N m are in force"
+    if step > limits.slew_nm_per_tick:
+        return f"steps by {step:.3g} N m in a tick, and {limits.slew_nm_per_tick:g} N m are in force"
+    return ""
 
 
 def _excitation(file: ControllerFile) -> Controller:

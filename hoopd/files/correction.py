@@ -12,7 +12,6 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.core.tracker import LONGEST_PLAN_TICKS
 from hoopd.files.planned_motion import Row, Torque
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
@@ -60,6 +59,7 @@ class CorrectionFile(Strict, frozen=True):
     unexplained: list[Row]
     attempts: list[LearnedAttempt]
     best: BestCorrection | None = None
+    untaught: int = 0  # attempts that were played and taught nothing
 
 
 def correction_beside(trajectory: Path) -> Path:
@@ -94,11 +94,13 @@ def load_correction(path: Path, trajectory: TrajectoryFile, trajectory_sha256: s
     return file
 
 
-def corrected(trajectory: TrajectoryFile, torques_nm: Sequence[float]) -> TrajectoryFile:
-    """The trajectory as it is played with a correction: other torques, the same states."""
+def corrected(trajectory: TrajectoryFile, torques_nm: Sequence[float], limit_nm: float) -> TrajectoryFile:
+    """The trajectory as it is played with a correction, which takes no torque beyond the limit in force: other torques,
+    the same states."""
     both = zip(trajectory.plan.torques_nm, torques_nm, strict=True)
-    torques = [min(TORQUE_LIMIT_NM, max(-TORQUE_LIMIT_NM, planned + more)) for planned, more in both]
-    plan = msgspec.structs.replace(trajectory.plan, torques_nm=rounded(torques))
+    # a plan that is itself beyond stays so, to be refused
+    bounded = [min(max(limit_nm, one), max(min(-limit_nm, one), rounded(one + more))) for one, more in both]
+    plan = msgspec.structs.replace(trajectory.plan, torques_nm=bounded)
     return msgspec.structs.replace(trajectory, plan=plan)
 
 

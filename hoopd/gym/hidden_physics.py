@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +43,8 @@ class HiddenPhysics:
 
     def __post_init__(self) -> None:
         """ValueError for what no plant can have."""
-        if not 0.0 <= self.spread <= LARGEST_SPREAD:
-            raise ValueError(f"spread must be 0 to {LARGEST_SPREAD:g}, not {self.spread:g}")
+        if not isinstance(self.spread, Real) or not 0.0 <= self.spread <= LARGEST_SPREAD:
+            raise ValueError(f"spread must be 0 to {LARGEST_SPREAD:g}, not {self.spread!r}")
 
     def check(self) -> None:
         """ValueError for effects that this model cannot have."""
@@ -58,7 +59,8 @@ class HiddenPhysics:
         told = effects_of(self.file())
         if not isinstance(self.effects, Mapping):
             raise ValueError(f"effects: a mapping of names to their numbers, not {self.effects!r}")
-        hidden = {LIFT_OFF: {}, **self.effects}
+        flies = LIFT_OFF in {one.name for one in told.entries}
+        hidden = {**({} if flies else {LIFT_OFF: {}}), **self.effects}
         entries = [one for one in told.entries if one.name not in hidden]
         try:
             entries += [FoundEffect(name, checked(told.plant, name, numbers)) for name, numbers in hidden.items()]

@@ -11,7 +11,7 @@ same observations. The limits are the device's own.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from math import cos, isfinite, pi, sin, tau
+from math import cos, isfinite, nan, pi, sin, tau
 from typing import Any
 
 import gymnasium
@@ -20,7 +20,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hoopd.gym.hidden_physics import HiddenPhysics
-from hoopd.gym.tasks import UP, Moment, TryJudge, task_of
+from hoopd.gym.tasks import FAILURE_COST, UP, Moment, TryJudge, task_of
 
 Array = NDArray[np.float32]
 Reset = tuple[Array, dict[str, Any]]
@@ -56,7 +56,7 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         told = dict(options or {})
         start = self.task.start_rad
         drawn = float(self.np_random.uniform(-start, start))
-        ball_rad = float(told.pop("ball_rad", drawn))
+        ball_rad = _number_of(told.pop("ball_rad", drawn))
         if told or not abs(ball_rad) <= pi:
             raise ValueError(f"options of reset: ball_rad alone, a number of rad from -pi to pi, not {options}")
         self._ticks, self._judge = 0, self.task.judge(self.tick_s)
@@ -68,18 +68,19 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         """One tick."""
         if self._judge is None:
             raise gymnasium.error.ResetNeeded("reset comes before step")
-        torque_nm = _torque_of(action)
-        self._play(min(self.torque_limit_nm, max(-self.torque_limit_nm, torque_nm)))
+        torque_nm = min(self.torque_limit_nm, max(-self.torque_limit_nm, _torque_of(action)))
+        self._play(torque_nm)
         self._ticks += 1
         moment = self._moment(torque_nm / self.torque_limit_nm)
         verdict = self._judge.see(moment)
         stopped = self._stopped(moment)
+        reward = verdict.reward - (FAILURE_COST if stopped and not verdict.over else 0.0)
         over, why = verdict.over or bool(stopped), verdict.why or stopped
         info = {**self._info(moment), "success": verdict.success, **({"ended": why} if over else {})}
         is_late = self._ticks >= self._most_ticks and not over
         if over or is_late:
             self._judge = None  # nothing is won after the end
-        return self._seen(moment), float(verdict.reward), over, is_late, info
+        return self._seen(moment), float(reward), over, is_late, info
 
     def close(self) -> None:
         """No more steps."""
@@ -107,6 +108,14 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
 
     def _info(self, moment: Moment) -> dict[str, Any]:
         return {"t": moment.t, "ball_angle_rad": moment.ball_angle}
+
+
+def _number_of(value: Any) -> float:
+    """NaN for what is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return nan
 
 
 def _torque_of(action: Any) -> float:

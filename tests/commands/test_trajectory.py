@@ -37,6 +37,23 @@ def test_it_writes_a_trajectory_a_controller_a_figure_and_its_result(tmp_path: P
     assert names["plan.svg"].stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        ("{torque_nm: 0.05, slew_nm_per_tick: 1.4}", "gains: torques_nm asks for 0.1"),
+        ("{torque_nm: 0.7, slew_nm_per_tick: 0.001}", "gains: torques_nm steps by 0.1"),
+    ],
+)
+def test_a_law_of_a_controller_with_narrower_limits_is_refused(tmp_path: Path, limits: str, says: str) -> None:
+    base = (defaults_folder() / "controllers" / "lqg.yaml").read_text()
+    narrow, law, out = (tmp_path / name for name in ("narrow.yaml", "law.yaml", "swing.yaml"))
+    narrow.write_text(base.replace("{torque_nm: 0.7, slew_nm_per_tick: 1.4}", limits))
+    words = ["--law", str(law), "--controller", str(narrow), "--out", str(out)]
+    code, _, errors = call(["trajectory", "swing", *MODEL, "--angle", "0.6", *words])
+    assert code == 2 and says in errors and "are in force" in errors and errors.count("\n") == 1
+    assert not law.exists() and not out.exists()
+
+
 REFUSED = {
     "no such maneuver": (["jump", *MODEL], "trajectory: unknown maneuver 'jump'; known: loop, swing"),
     "a way that is none": (["loop", *MODEL, "--turn", "2"], "turn must be 1 or -1, not 2"),
@@ -64,13 +81,13 @@ def test_a_damaged_trajectory_and_another_maneuver_are_refused(tmp_path: Path) -
     assert code == 2 and "is a swing, no loop" in errors
     for old, new, says in (
         ("turn: 1", "turn: 3", "turn: must be 1 or -1, not 3"),
-        ("suspends: []", "suspends: [link_lost]", "'link_lost' may not be suspended"),
+        ("plan:\n", "plan:\n  suspends: [link_lost]\n", "'link_lost' may not be suspended"),
         ("turn: 1", "colour: red", "colour"),
     ):
+        assert old in path.read_text()
         (tmp_path / "bad.yaml").write_text(path.read_text().replace(old, new))
-        if old in path.read_text():
-            with pytest.raises(InputError, match=says):
-                load_trajectory(tmp_path / "bad.yaml")
+        with pytest.raises(InputError, match=says):
+            load_trajectory(tmp_path / "bad.yaml")
 
 
 @pytest.mark.proof

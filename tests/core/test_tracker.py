@@ -98,6 +98,22 @@ def test_a_plan_that_ends_on_top_lets_the_ball_down_and_is_done_when_all_is_calm
     assert law.suspended == ()
 
 
+@pytest.mark.parametrize(
+    ("x", "ticks", "ended"),
+    [
+        ([0.3, 0.0, pi, 0.0], Brake().longest_s / PERIOD_S, "let down: the ball is still above the axis"),
+        ([0.3, 0.0, 1.2, 5.0], Brake().longest_s / PERIOD_S, DONE),
+        ([nan] * 4, 1, "let down: the estimate was lost"),
+    ],
+)
+def test_only_a_ball_that_came_down_is_done(x: list[float], ticks: float, ended: str) -> None:
+    law = MotionTracker(planned(let_down=True))
+    asked(law, *STATES[:3])
+    law.update(measured([0.3, 4.0, 0.1, 0.0], 0.06))
+    torques = [law.update(measured(x, 0.06 + 0.02 * k))[0] for k in range(1, 300) if not law.ended]
+    assert law.ended == ended and len(torques) == pytest.approx(ticks, abs=2) and torques[-1] == 0.0
+
+
 def test_without_an_estimate_there_is_no_torque_at_all() -> None:
     law = MotionTracker(planned())
     law.update(measured(STATES[0]))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import gymnasium
+import msgspec
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -18,10 +19,13 @@ import hoopd.gym as hoops
 from hoopd.core.controllers import Lqg
 from hoopd.core.modes import Mode
 from hoopd.files.controller import controller_of, parse_controller
+from hoopd.files.model import EffectEntry, Parameter, model_text
+from hoopd.gym.hidden_physics import HiddenPhysics
 from hoopd.gym.hoop_env import HoopEnv
 from hoopd.gym.plant_env import PlantEnv
 from hoopd.gym.rig_env import RigEnv
-from hoopd.gym.tasks import CATCH_BONUS, FLIGHT_S, TASKS, Moment, task_of
+from hoopd.gym.tasks import CATCH_BONUS, FAILURE_COST, FLIGHT_S, TASKS, Moment, task_of
+from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 from hoopd.plants.hoop.maneuver.trajectory import PlannedTrajectory, plan_trajectory
@@ -100,10 +104,44 @@ def test_the_torque_is_the_devices_and_a_hoop_that_turns_too_fast_ends_it() -> N
     rig.close()
 
 
-def test_a_fault_of_the_rig_ends_the_try() -> None:
+def test_a_hoop_that_turns_too_fast_costs_as_a_failure_does() -> None:
+    env = PlantEnv("throw")
+    env.reset(seed=1, options={"ball_rad": 0.05})
+    over = False
+    while not over:
+        _, reward, over, _, info = env.step(np.array([0.7], np.float32))
+    assert "the hoop turned" in info["ended"] and -FAILURE_COST - 0.5 < reward <= -FAILURE_COST
+    env.close()
+
+
+def test_a_reward_is_of_the_torque_that_was_given() -> None:
+    def reward(torque_nm: float) -> float:
+        env = PlantEnv("bottom")
+        env.reset(seed=1, options={"ball_rad": 0.0})
+        return env.step(np.array([torque_nm], np.float32))[1]
+
+    assert reward(100.0) == pytest.approx(reward(0.7)) and reward(0.7) < reward(0.1)
+
+
+def test_the_model_s_own_landing_is_the_plant_s(tmp_path: Path) -> None:
+    own = EffectEntry(LIFT_OFF, {"restitution": Parameter(0.4, "-"), "grip": Parameter(0.3, "-")})
+    model = tmp_path / "bouncy.yaml"
+    model.write_text(model_text(msgspec.structs.replace(load_model(SHIPPED / "models/hoop.yaml"), effects=[own])))
+
+    def landing(**physics: Any) -> dict[str, float]:
+        found = HiddenPhysics(**physics).drawn(np.random.default_rng(0))
+        return dict(next(one.parameters for one in found.entries if one.name == LIFT_OFF))
+
+    assert landing(model=model) == {"restitution": 0.4, "grip": 0.3}
+    assert landing(model=model, effects={LIFT_OFF: {"restitution": 0.1}})["restitution"] == 0.1
+    assert landing()["restitution"] == 0.0
+
+
+def test_a_fault_of_the_rig_ends_the_try_and_costs_as_a_failure_does() -> None:
     env = RigEnv("bottom", sets=("sim.faults=[{kind: camera_stall, at_s: 1.0}]",))
-    _, info = played(env, lambda seen: np.zeros(1, np.float32))
+    total, info = played(env, lambda seen: np.zeros(1, np.float32), ball_rad=0.1)
     assert "camera_lost" in str(info["ended"]) and env.rig.tick.mode is not Mode.RUNNING
+    assert -FAILURE_COST - 0.5 < total <= -FAILURE_COST
     env.close()
 
 
@@ -140,6 +178,11 @@ def test_what_cannot_be_meant_is_one_line() -> None:
         hoops.make("bottom", "device")
     with pytest.raises(ValueError, match="ball_rad alone"):
         PlantEnv().reset(options={"speed": 1.0})
+    for value in (None, "x", [1]):
+        with pytest.raises(ValueError, match="ball_rad alone"):
+            PlantEnv().reset(options={"ball_rad": value})
+    with pytest.raises(ValueError, match=r"spread must be 0 to 0\.5, not 'a'"):
+        PlantEnv(spread=cast("Any", "a"))
     with pytest.raises(gymnasium.error.ResetNeeded):
         PlantEnv().step(np.zeros(1, np.float32))
     with pytest.raises(ValueError, match="has no inner hoop"):

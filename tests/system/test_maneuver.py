@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from math import tau
 from pathlib import Path
@@ -14,8 +15,10 @@ import pytest
 from harness.runs import TORQUE_LIMIT_NM
 from samples import sampled
 
+from hoopd.core.records import Inputs, TickRecord
 from hoopd.daemon.app import Options, run_daemon
 from hoopd.daemon.maneuver import AskedManeuver, recorded_maneuvers, run
+from hoopd.daemon.maneuver_conductor import ManeuverConductor
 from hoopd.daemon.recording_target import Where
 from hoopd.daemon.replay import replay
 from hoopd.files.model import Parameter, model_text
@@ -27,6 +30,7 @@ from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 from hoopd.plants.hoop.maneuver.trajectory import plan_trajectory, trajectory_file
 from hoopd.plants.model_file import load_model
 from hoopd.recording.mcap import RecordedRun, read_run
+from hoopd.shell.loop import Loop
 from hoopd.sim import torque_log, truth
 
 HOOP = load_model(defaults_folder() / "models" / "hoop.yaml")
@@ -121,6 +125,15 @@ def test_torques_alone_lose_the_ball_of_a_weaker_drive_and_feedback_does_not(tmp
     assert played(tmp_path / "fed_back", weaker)["succeeded"] == 1
 
 
+def test_a_swing_that_hardly_moves_is_none(tmp_path: Path) -> None:
+    planned = plan_trajectory(HOOP, ManeuverQuestion("swing", MotionLimits(0.45, 40.0, 0.5, 0.6), angle_rad=0.8))
+    weak = "sim.effects=[{name: actuator.torque_gain, parameters: {k: 0.1}}]"
+    result = played(tmp_path, weak, file=trajectory_file(planned, "models/hoop.yaml", "ab", "swing"))
+    (attempt,) = result["attempts"]
+    assert attempt["ended"] == "done" and attempt["shortfalls"] == ["swung by 0.16 rad, not by 0.8"]
+    assert not attempt["success"] and result["exit"] == 1
+
+
 def test_without_the_suspended_row_the_tick_stops_the_ball(tmp_path: Path) -> None:
     plan = msgspec.structs.replace(trajectory().plan, suspends=[])
     result = played(tmp_path, file=msgspec.structs.replace(trajectory(), plan=plan))
@@ -165,6 +178,26 @@ def test_with_less_torque_in_force_a_plan_that_fits_is_played(
 def test_a_plan_of_another_model_is_told_of(tmp_path: Path) -> None:
     result = played(tmp_path, file=msgspec.structs.replace(trajectory(), model="heavy.yaml"))
     assert result["notes"] == ["planned on heavy.yaml, and the filter's model is hoop.yaml"]
+
+
+def ended_after(modes: Sequence[tuple[float, str]], *, armed: bool) -> tuple[float, str]:
+    """When and why a conductor ends a run whose ball never rests: a mode from each time on, s."""
+    asked: list[float] = []
+    conductor, t = ManeuverConductor("", 1, armed=armed), 0.0
+    with conductor.attend(cast(Loop, SimpleNamespace(request_stop=lambda: asked.append(t)))):
+        while not asked and t < 200.0:
+            t += 0.5
+            mode = [name for begins, name in modes if begins <= t][-1]
+            moving = TickRecord(t, 0, mode, 0.0, 0.0, 0.0, 0.0, 0.0, t, t, (0.0, 9.0, 0.0, 0.0), 0.0, 0, 0, 0.0, 0.0)
+            conductor.put(moving, cast(Inputs, None))
+    return t, conductor.outcome
+
+
+def test_the_ball_s_time_to_rest_counts_from_the_operator_s_arm() -> None:
+    late = "the ball did not come to rest within 25 s"
+    assert ended_after([(0.0, "DISARMED"), (100.0, "RUNNING")], armed=False) == (125.5, late)
+    assert ended_after([(0.0, "DISARMED")], armed=False) == (200.0, "")
+    assert ended_after([(0.0, "DISARMED")], armed=True) == (25.5, late)
 
 
 def test_one_that_is_switched_off_before_its_first_torque_is_none() -> None:

@@ -95,12 +95,13 @@ def test_an_attempt_that_is_given_up_teaches_nothing_and_ends_it(tmp_path: Path,
     assert load_correction(correction_beside(path), load_trajectory(path), load_file_hash(path)).attempts == []
 
 
-def canned(monkeypatch: pytest.MonkeyPatch, tracking: list[float], ended: dict[int, dict[str, Any]]) -> None:
-    """Attempts that are told, not played: how far off the plan each is, and what it ended with."""
-    seen: list[str] = []
+def canned(monkeypatch: pytest.MonkeyPatch, tracking: list[float], ended: dict[int, dict[str, Any]]) -> list[int]:
+    """Attempts that are told, not played: how far off the plan each is, and what it ended with; the seeds of their
+    noise."""
+    seen: list[int] = []
 
     def play(asked: Any, rig: Any, where: Any) -> dict[str, Any]:
-        seen.append(asked.name)
+        seen.append(rig.seed)
         k = len(seen) - 1
         row = {"began_s": 1.0, "turns": 0, "least_contact": 0.5, "settled_s": 0.0, "ended": "done", "shortfalls": []}
         told = {**row, "success": True, **ended.get(k, {}).get("row", {})}
@@ -115,6 +116,7 @@ def canned(monkeypatch: pytest.MonkeyPatch, tracking: list[float], ended: dict[i
 
     monkeypatch.setattr(maneuver_learning, "play", play)
     monkeypatch.setattr(maneuver_learning, "smoothed_attempt", smooth)
+    return seen
 
 
 def told_run(folder: Path, planned: str, repeat: int, **more: Any) -> tuple[dict[str, Any], CorrectionFile]:
@@ -152,7 +154,50 @@ def test_what_teaches_nothing_ends_it(
     result, kept = told_run(tmp_path, planned, 3)
     assert result["exit"] == 1 and result["played"] == 2 and re.search(said, result["outcome"])
     if "row" in what:  # what led there is not what is played next
+        assert kept.untaught == 1
         assert len(kept.attempts) == 1 and kept.best is not None and kept.torques_nm == kept.best.torques_nm
+
+
+def test_no_attempt_has_the_noise_of_one_before(tmp_path: Path, planned: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = canned(monkeypatch, [0.5, 0.2], {1: {"row": {"turns": 1, "success": False}}})
+    told_run(tmp_path, planned, 2)
+    after = canned(monkeypatch, [0.2, 0.2], {})
+    told_run(tmp_path, planned, 2)
+    assert [*before, *after] == [before[0] + k for k in range(4)]
+
+
+def test_with_less_torque_in_force_a_correction_stays_within_it(tmp_path: Path, planned: str) -> None:
+    """The plan's own torque is all that is left at its largest: nothing is added there, and it goes on."""
+    (tmp_path / "swing.yaml").write_text(planned, encoding="utf-8")
+    largest = max(map(abs, load_trajectory(tmp_path / "swing.yaml").plan.torques_nm))
+    limit = f"limits.torque_nm={largest + 0.001:.3f}"
+    result = run(options(tmp_path, planned, FRICTION, limit, learn=True, repeat=2))
+    assert result["played"] == 2 and result["exit"] == 0, result
+    assert result["attempts"][1]["correction_nm"] > 0.0
+    asked = played_torques(tmp_path / "run_2.mcap")
+    assert max(map(abs, asked)) <= largest + 0.0015
+    # what was learned with more in force is played with less
+    beside = correction_beside(tmp_path / "swing.yaml")
+    beside.write_text(re.sub(r"(?m)^torques_nm: \[[^]]*\]", f"torques_nm: {[0.02] * len(asked)}", beside.read_text()))
+    again = run(options(tmp_path, planned, FRICTION, limit, learn=True, repeat=1, out=tmp_path / "again.mcap"))
+    assert again["played"] == 1 and max(map(abs, played_torques(tmp_path / "again_1.mcap"))) <= largest + 0.0015
+
+
+def test_an_attempt_that_cannot_be_played_leaves_what_was_told(
+    tmp_path: Path, planned: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    canned(monkeypatch, [0.5], {})
+    play = maneuver_learning.play
+
+    def once(asked: Any, rig: Any, where: Any) -> dict[str, Any]:
+        if where.file.name.endswith("_2.mcap"):
+            raise InputError("the disk", "", "is full")
+        return play(asked, rig, where)
+
+    monkeypatch.setattr(maneuver_learning, "play", once)
+    result, kept = told_run(tmp_path, planned, 3)
+    assert result["exit"] == 1 and result["outcome"] == "attempt 2 was not played: the disk: is full"
+    assert result["played"] == 1 and len(kept.attempts) == 1
 
 
 def test_a_trajectory_of_another_model_is_refused(tmp_path: Path, planned: str) -> None:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
+from hoopd.commands import maneuver
 from hoopd.commands.maneuver import planned_with, run
 from hoopd.commands.options.maneuver import ManeuverOptions
 from hoopd.commands.options.trajectory import TrajectoryOptions
 from hoopd.daemon.maneuver import recorded_throws
+from hoopd.files.model import EffectEntry, ModelFile, Parameter
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
+from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.restitution import identify_restitution
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.mcap import read_run
@@ -72,6 +76,20 @@ def test_a_ball_that_bounces_is_given_the_time() -> None:
     model = load_model(MODEL)
     dead, lively = (planned_with(model, options, e).plan.flight for e in (0.0, 0.4))
     assert dead is not None and lively is not None and 2 <= lively.ticks - dead.ticks <= 8
+
+
+def test_what_the_model_knows_of_its_landing_stays_in_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = EffectEntry(LIFT_OFF, {"restitution": Parameter(0.4, "-"), "grip": Parameter(0.3, "-")})
+    model, seen = msgspec.structs.replace(load_model(MODEL), effects=[own]), list[dict[str, float]]()
+
+    def plan_on(model: ModelFile, options: TrajectoryOptions) -> None:
+        seen.append({name: one.value for name, one in model.effects[0].parameters.items()})
+        raise InputError("planned", "", "on it")
+
+    monkeypatch.setattr(maneuver, "plan_on", plan_on)
+    with pytest.raises(InputError, match="on it"):
+        planned_with(model, TrajectoryOptions(kind="throw", model=MODEL), 0.25)
+    assert seen == [{"restitution": 0.25, "grip": 0.3}]
 
 
 def test_practice_is_for_throws_that_are_planned_anew(tmp_path: Path) -> None:

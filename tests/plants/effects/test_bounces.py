@@ -14,6 +14,7 @@ from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.effects.contact_modes import LEAST_REBOUND_M_S
 from hoopd.plants.model_file import load_model
 from hoopd.sim.plant import RigPlant
+from tests.plants.effects.carried_over import changes_of
 from tests.plants.maneuver.independent import accelerations
 
 Array = NDArray[np.float64]
@@ -106,6 +107,28 @@ def test_times_and_states_are_those_of_another_integrator(restitution: float) ->
     assert np.mod(psi - wanted.rolling[2] + 1, 2 * np.pi) - 1 == pytest.approx(0.0, abs=1e-4)
     assert (dtheta, dpsi) == pytest.approx((wanted.rolling[1], wanted.rolling[3]), abs=1e-2)
     assert np.all(np.diff(wanted.energies)[::2] <= 1e-12)
+
+
+TOUCHES = [(0.3, 1e3), (0.3, 0.3), (0.0, 0.3), (0.3, 0.1), (0.0, 0.1)]
+
+
+@pytest.mark.parametrize(("restitution", "mu"), TOUCHES)
+@pytest.mark.parametrize("torque_nm", [-0.5, 0.0, 0.5])
+@pytest.mark.parametrize("slip", [False, True])
+def test_no_change_of_mode_makes_energy_or_momentum(
+    restitution: float, mu: float, torque_nm: float, slip: bool
+) -> None:
+    """A hoop that is driven in the first flight, so that the ball slides where it lands."""
+    lift_off = FoundEffect("ball.lift_off", {"restitution": restitution, "grip": mu})
+    slips = (FoundEffect("ball.slip", {"mu": mu}),) if slip else ()
+    found = FoundEffects(FILE.structure, V, (lift_off, *slips))
+    changes = changes_of(found, THROWN, torque_nm, UNTIL_S)
+    assert {(one.source, one.target) for one in changes} >= {("rolling", "air"), ("air", "rolling")}
+    for one in changes:
+        assert one.momenta[1] == pytest.approx(one.momenta[0], abs=1e-9), one
+        assert one.energies[1] <= one.energies[0] + 1e-9, one
+        if one.source == "rolling":
+            assert one.energies[1] == pytest.approx(one.energies[0], abs=1e-7)
 
 
 def test_a_touch_with_little_friction_leaves_the_ball_slipping_and_keeps_the_rest() -> None:

@@ -18,6 +18,7 @@ from hoopd.plants.found_effects import FoundEffect, FoundEffects
 from hoopd.plants.hoop.effects.contact_modes import LEAST_REBOUND_M_S
 from hoopd.plants.model_file import effects_of, load_model, parse_model
 from hoopd.sim.plant import RigPlant
+from tests.plants.effects.carried_over import changes_of
 
 Array = NDArray[np.float64]
 FILE = load_model(Path(__file__).resolve().parents[3] / "config" / "models" / "hoop.yaml")
@@ -151,7 +152,7 @@ def test_it_lands_rolls_and_falls_as_an_independent_integrator_says(restitution:
         if back > 0.0:
             continue
         if mu < 1.0:
-            break  # without grip it slides on, which a track without slip does not know
+            break  # without grip it slides on, where a track without slip rolls at once
         energy = body.energy
         t, body, left = rolled(t, body, 1.0)
         assert left and body.energy == pytest.approx(energy, abs=1e-9)
@@ -164,6 +165,21 @@ def test_it_lands_rolls_and_falls_as_an_independent_integrator_says(restitution:
     assert [at for at, _ in told[: len(changes)]] == pytest.approx([at for at, _ in changes], abs=2e-6)
     if mu > 1.0:
         assert "inner" in modes and told[len(changes)][0] == pytest.approx(t, abs=1e-5)
+
+
+@pytest.mark.parametrize(("restitution", "mu"), [(0.0, 1e3), (0.3, 0.3), (0.0, 0.02)])
+@pytest.mark.parametrize("torque_nm", [-0.5, 0.0, 0.5])
+def test_no_change_of_mode_makes_energy_or_momentum(restitution: float, mu: float, torque_nm: float) -> None:
+    entries = (
+        FoundEffect("ball.lift_off", {"restitution": restitution, "grip": mu}),
+        FoundEffect("ball.inner_hoop", {"radius": RI}),
+    )
+    found = FoundEffects(FILE.structure, V, entries)
+    changes = changes_of(found, THROWN, torque_nm, 1.0)
+    assert {(one.source, one.target) for one in changes} >= {("air", "inner")}
+    for one in changes:
+        assert one.momenta[1] == pytest.approx(one.momenta[0], abs=1e-9), one
+        assert one.energies[1] <= one.energies[0] + 1e-9, one
 
 
 def test_at_rest_on_the_top_it_stays_until_something_moves_it_and_energy_is_kept() -> None:

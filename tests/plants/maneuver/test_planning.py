@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from samples import sampled
 
 from hoopd.core.tracker import LONGEST_PLAN_TICKS
-from hoopd.files.model import EffectEntry, ModelFile, Parameter
+from hoopd.files.model import EffectEntry, InnerHoop, ModelFile, Parameter
 from hoopd.files.shipped import defaults_folder
 from hoopd.files.trajectory import parse_trajectory, trajectory_text
+from hoopd.plants.hoop.maneuver import trajectory
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 from hoopd.plants.hoop.maneuver.planning import InfeasibleError
@@ -125,6 +126,23 @@ def test_what_cannot_be_planned_says_what_stands_in_the_way(name: str) -> None:
     assert caught.value.group == group and caught.value.excess > 0.0
 
 
+def test_a_plan_that_cannot_be_tightened_is_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than its weight at rest presses no ball on: what was found first is left."""
+    far = loop().nominal._replace(end_rad=1.0)
+    found = loop()._replace(sampled=[far])
+    assert not far.arrived
+    monkeypatch.setattr(trajectory, "_planned", lambda *_: found)
+    assert plan_trajectory(HOOP, ManeuverQuestion("loop", MotionLimits(0.45, 40.0, 0.86, 0.6))) is found
+
+
+def test_no_plan_has_more_ticks_than_are_played(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = loop().motion
+    long = motion._replace(inputs=np.zeros(LONGEST_PLAN_TICKS + 1))
+    monkeypatch.setattr(trajectory, "_fed_back", lambda *_: (long, loop().gains, None, None))
+    with pytest.raises(ValueError, match=r"the loop takes 501 ticks of 0.02 s, and a plan has 500 at most"):
+        plan_trajectory(HOOP, ManeuverQuestion("loop", LIMITS))
+
+
 def test_a_swing_reaches_its_angle_at_rest_and_comes_back() -> None:
     motion = plan_trajectory(HOOP, ManeuverQuestion("swing", LIMITS, angle_rad=0.8, turn=-1)).motion
     middle = motion.states[len(motion.inputs) // 2]
@@ -228,6 +246,14 @@ def test_a_throw_that_no_ball_has_is_refused(asked: dict[str, Any], says: str) -
 def test_a_throw_with_too_little_torque_says_which_part() -> None:
     with pytest.raises(InfeasibleError, match=r"no run-up of a throw in .* s: it would exceed torque"):
         plan_trajectory(HOOP, ManeuverQuestion("throw", MotionLimits(0.01, 40.0, 0.5)))
+
+
+def test_a_flight_keeps_the_torque_s_limit_too() -> None:
+    """A run-up with little torque leaves a hoop that is slow: in the air it would take 0.47 N m to meet the ball."""
+    inner = msgspec.structs.replace(HOOP, device=msgspec.structs.replace(HOOP.device, inner=InnerHoop(0.0445)))
+    with pytest.raises(InfeasibleError, match="no up: in the flight it would exceed torque by 2") as caught:
+        plan_trajectory(inner, ManeuverQuestion("up", MotionLimits(0.15, 40.0, 0.5, 0.6)))
+    assert caught.value.group == "torque" and caught.value.excess > 1.0
 
 
 def test_no_plan_needs_more_grip_than_the_model_s_contact_has() -> None:

@@ -6,8 +6,12 @@
     inner --N < 0--> air, air --touches--> air or inner    the same on the inner hoop, where there is one
 
 It touches where its distance from the axis comes back to Ro-Rb, or down to Ri+Rb. At every touch the impulse of
-friction makes it roll, or as nearly as mu times the impulse across, m (1 + e) |r'|, allows. What runs on through all of
-it (the hoop and its friction, lags, sensors) does so by the same effects.
+friction makes it roll, or as nearly as mu times the impulse across, m (1 + e) |r'|, allows: what slides on slides in
+the air, or in a plant that slips. A plant that only rolls has the end of the sliding at once, with all the impulse that
+it takes. With k = c1^2/Ih + c2^2/(m r^2) + 1/Ib an impulse G = -lambda s/k on a slide s = c1 theta' + c2 psi' - w
+changes the energy by -(lambda - lambda^2/2) s^2/k, never above zero for lambda from 0 to 1, and the momentum about the
+axis by (c1 + c2 - 1) G = 0. What runs on through all of it (the hoop and its friction, lags, sensors) does so by the
+same effects.
 
 Rules of this file: guards and resets; how each mode moves stands in its plant, when one ends `plants.hybrid_plant`
 finds.
@@ -110,25 +114,26 @@ class ContactModes:
         return ca.vertcat(z[: self.shared], 0.0, spin, track.distance(s), 0.0, z[track.plant.nx :])
 
     def _bounced(self, z: Any, s: Point, mu: Any, e: Any, track: _Track) -> Any:
-        rates = self._touched(s, mu, e, track.contact(s))
+        rates = self._touched(s, track.contact(s), mu * s.p["mb"] * (1.0 + e) * ca.fabs(s.ddistance))
         moved = {**{f"d{q}": rate for q, rate in rates.items() if q != "slip"}, "ddistance": -e * s.ddistance}
         moved["distance"] = track.distance(s)
         return ca.vertcat(*(moved.get(name, z[i]) for i, name in enumerate(self.air.plant.states)), z[self.air.nx :])
 
     def _landed(self, z: Any, s: Point, mu: Any, track: _Track) -> Any:
-        rates, own = self._touched(s, mu, 0.0, track.contact(s)), track.plant.plant.coordinates
+        own = track.plant.plant.coordinates
+        most = mu * s.p["mb"] * ca.fabs(s.ddistance) if "slip" in own else ca.inf
+        rates = self._touched(s, track.contact(s), most)
         state = [x for q in own for x in (0.0 if q == "slip" else getattr(s, q), rates[q])]
         return ca.vertcat(*state, z[self.air.nx :])
 
-    def _touched(self, s: Point, mu: Any, e: Any, c: Contact) -> dict[str, Any]:
-        """Rates of hoop, path, spin and slip after a touch."""
+    def _touched(self, s: Point, c: Contact, most: Any) -> dict[str, Any]:
+        """Rates of hoop, path, spin and slip after a touch whose impulse along is `most` at most, N s."""
         rb = s.p["Rb"]
         by_theta = c.by_theta / c.theta_inertia if "theta" in self.rolling.plant.coordinates else 0.0
         by_psi = c.by_psi / c.psi_inertia
         slide = c.by_theta * s.dtheta + c.by_psi * s.dpsi - s.dspin
-        # the impulse P after which nothing slides, at most mu m (1 + e) |r'|:  hoop, path and spin change by it
+        # the impulse P = G/Rb after which nothing slides, as far as it goes:  hoop, path and spin change by it
         free = (c.by_theta * by_theta + c.by_psi * by_psi + 1.0 / c.spin_inertia) * rb
-        most = mu * s.p["mb"] * (1.0 + e) * ca.fabs(s.ddistance)
         impulse = ca.fmin(ca.fmax(-slide / free, -most), most)
         return {
             "theta": s.dtheta + by_theta * rb * impulse,

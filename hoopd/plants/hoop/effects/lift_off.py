@@ -24,7 +24,8 @@ def lift_off(name: str, contact: ContactOf) -> Effect:
         (
             # of the speed across the hoop, what comes back; a rubber ring under a steel ball gives 0.2 to 0.6
             EffectParameter("restitution", "-", 0.0, 0.0, 0.95, "shape", (0.1, 0.2, 0.3, 0.4, 0.6, 0.8)),
-            # of a touch's impulse across, the friction's part at most; where the ball slips, that effect's mu counts
+            # of a bounce's impulse across, the friction's part at most, and of a landing's where the ball slips (that
+            # effect's mu counts); a plant that only rolls has rolling at once where the ball stays
             EffectParameter("grip", "-", ALWAYS_ROLLS, 0.02, ALWAYS_ROLLS, "shape", geometric(0.02, 0.5, 8)),
         ),
         flight=lambda plant: FlyingPlant(in_the_air(plant, contact), contact, signed_normal_force, gone),

@@ -21,6 +21,8 @@ SETTLE_WITHIN_S = 2.0
 LEAST_FLIGHT_S = 0.05
 # On the top of the inner hoop: so near to it, at once for so long.
 TOP_RAD, LEAST_TOP_S = 0.3, 1.0
+# Of the planned angle: a swing that ends short of this is none. Feedback on a drive of seven tenths brings it to more.
+LEAST_SWING_SHARE = 0.75
 # A ball on the hoop is seen within a fiftieth of its track.
 OFF_TRACK = 0.95
 
@@ -42,6 +44,8 @@ class RecordedManeuver(NamedTuple):
         When the maneuver ended, s.
     distance : ndarray, shape (n,), optional
         Of the ball from the axis in the pictures, in shares of what it is on the hoop; NaN without a ball.
+    inner : ndarray of bool, shape (n,), optional
+        Whether the ball was on the inner hoop, by the estimate.
     """
 
     t: Array
@@ -51,6 +55,7 @@ class RecordedManeuver(NamedTuple):
     seen: Array
     ended_t: float
     distance: Array | None = None
+    inner: NDArray[np.bool_] | None = None
 
     @property
     def bottom(self) -> float:
@@ -66,11 +71,11 @@ class ManeuverOutcome(NamedTuple):
     turns : int
         Whole turns of the ball, as psi counts.
     least_contact : float
-        Least force between hoop and ball while it was played, in weights of the ball.
+        Least force between (outer) hoop and ball while it was played, in weights of the ball.
     settled_s : float
         After its end, until ball and hoop stay settled; infinite when they do not.
-    largest_angle_rad : float
-        Furthest from where it began.
+    range_rad : tuple of float
+        Lowest and highest angle that the camera saw, from where it began.
     loose_s : float
         How long the ball moved, for its longest time at once, as none does that a hoop holds.
     least_distance : float
@@ -82,7 +87,7 @@ class ManeuverOutcome(NamedTuple):
     turns: int
     least_contact: float
     settled_s: float
-    largest_angle_rad: float
+    range_rad: tuple[float, float]
     loose_s: float
     least_distance: float = nan
     top_s: float = 0.0
@@ -92,14 +97,23 @@ class ManeuverOutcome(NamedTuple):
         """A picture showed the ball off the hoop, or it moved as none does that a hoop holds."""
         return self.least_distance < OFF_TRACK or self.loose_s >= LEAST_FLIGHT_S
 
-    def shortfalls(self, kind: str, turn: int) -> tuple[str, ...]:
-        """What a maneuver of this kind lacks to be one; empty: it succeeded."""
+    @property
+    def largest_angle_rad(self) -> float:
+        """Furthest from where it began, on either side."""
+        return max(-self.range_rad[0], self.range_rad[1])
+
+    def shortfalls(self, kind: str, turn: int, planned_rad: float) -> tuple[str, ...]:
+        """What a maneuver of this kind lacks to be one, `planned_rad` the largest angle of its plan; empty: it
+        succeeded."""
         wanted = 0 if kind == "swing" else turn
         found = []
         if kind != "up" and self.turns != wanted:
             found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
         if isnan(self.least_contact):
             return ("too little was recorded of it",)
+        swung = self.range_rad[1] if turn > 0 else 0.0 - self.range_rad[0]
+        if kind == "swing" and not swung >= LEAST_SWING_SHARE * planned_rad:
+            found.append(f"swung by {swung:.2g} rad, not by {planned_rad:.2g}")
         if kind == "throw" and not self.flew:
             found.append("the ball did not leave the hoop")
         if kind == "up" and not (self.flew and self.top_s >= LEAST_TOP_S):
@@ -183,16 +197,18 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     >>> t = np.arange(0.0, 3.0, 0.02)
     >>> rest = RecordedManeuver(t, 0 * t, np.zeros((150, 4)), t, 0 * t, 1.0)
     >>> judge_maneuver(rest, 0.085, 9.81)  # doctest: +NORMALIZE_WHITESPACE
-    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, largest_angle_rad=0.0, loose_s=0.0, least_distance=nan,
+    ManeuverOutcome(turns=0, least_contact=1.0, settled_s=0.0, range_rad=(0.0, 0.0), loose_s=0.0, least_distance=nan,
                     top_s=0.0)
     """
     played, after = run.t <= run.ended_t, run.t > run.ended_t
     ball = run.seen[np.isfinite(run.seen)]
     if not ball.size or not after.any() or not played.any():
-        return ManeuverOutcome(0, nan, inf, nan, nan)
+        return ManeuverOutcome(0, nan, inf, (nan, nan), nan)
     bottom = tau * round(float(ball[-1]) / tau)
     states = run.states[played]
     contact = (track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2
+    if run.inner is not None:
+        contact = np.where(run.inner[played], np.nan, contact)
     off = np.abs(np.where(np.isfinite(run.seen), run.seen, run.states[:, 2]) - bottom) > SETTLED_RAD
     restless = after & (off | (np.abs(run.states[:, 1]) > SETTLED_HOOP_RAD_S))
     last = run.t[restless][-1] if restless.any() else run.ended_t
@@ -200,8 +216,9 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     turns = round((bottom - float(ball[0])) / tau)
     loose = _longest(run.t[played], contact < 0.0)
     near = nan if run.distance is None else float(np.fmin.reduce(run.distance[played]))
-    largest = float(np.abs(ball - ball[0]).max())
-    return ManeuverOutcome(turns, float(contact.min()), settled_s, largest, loose, near, _on_top(run, played))
+    seen = (float(ball.min() - ball[0]), float(ball.max() - ball[0]))
+    least = float(np.fmin.reduce(contact))
+    return ManeuverOutcome(turns, least, settled_s, seen, loose, near, _on_top(run, played))
 
 
 def _on_top(run: RecordedManeuver, played: NDArray[np.bool_]) -> float:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.plants.collocation import CollocatedMotion, CollocationProblem, MotionEnds
+from hoopd.plants.collocation import KEPT_WITHIN, CollocatedMotion, CollocationProblem, MotionEnds
 from hoopd.plants.hoop.contact import contact_of
 from hoopd.plants.hoop.effects.contact_modes import ROLLING, ContactCourse, ContactModes
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
@@ -145,6 +145,7 @@ def _air(model: PlanningModel, question: ManeuverQuestion, off: Array, flight: P
     c = contact_of(model.structure)(model.declared.point(off, p))
     change = -float(c.by_psi) * turn * (flight.on_rad_s - flight.off_rad_s) / float(c.by_theta)
     torque, hoop = hoop_alone(model, off, change, n, question.tick_s)
+    check_flight_torque(torque, question)
     states = np.column_stack([hoop, turn * seen[:, 0], turn * seen[:, 1]])
     landed = np.array([hoop[-1, 0], hoop[-1, 1], turn * flight.on_rad, turn * flight.on_rad_s])
     return _Air(np.full(n, torque), states, landed)
@@ -166,6 +167,14 @@ def _with_bounces(model: PlanningModel, question: ManeuverQuestion, off: Array, 
     raise InfeasibleError(
         "flight", 0.0, f"no throw: {MOST_BOUNCING_TICKS} ticks after its touch the ball still bounces"
     )
+
+
+def check_flight_torque(torque: float, question: ManeuverQuestion) -> None:
+    """InfeasibleError where the hoop would need more than the limit to meet the ball as fast as it rolls."""
+    excess = abs(torque) / question.limits.torque_nm - 1.0
+    if excess > KEPT_WITHIN:
+        reason = f"no {question.kind}: in the flight it would exceed torque by {100.0 * excess:.0f} %"
+        raise InfeasibleError("torque", excess, reason)
 
 
 def hoop_alone(model: PlanningModel, off: Array, change: float, ticks: int, tick_s: float) -> tuple[float, Array]:

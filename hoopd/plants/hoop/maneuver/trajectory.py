@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.core.tracker import Tolerances
+from hoopd.core.tracker import LONGEST_PLAN_TICKS, Tolerances
 from hoopd.files.model import ModelFile
 from hoopd.files.planned_motion import FlightEntry, PlannedMotionEntry, TolerancesEntry
 from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded, short
@@ -89,6 +89,8 @@ def plan_trajectory(
     ------
     InfeasibleError
         No motion keeps the limits.
+    ValueError
+        No such motion, or one of more ticks than a plan may have.
     """
     found = effects_of(model)
     limits = question.limits
@@ -99,8 +101,9 @@ def plan_trajectory(
     for _ in range(TIGHTENINGS):
         if all(one.arrived for one in best.sampled) or question.kind != LOOP:
             break
-        question = replace(question, limits=replace(question.limits, contact=question.limits.contact + MORE_CONTACT))
         try:
+            tighter = replace(question.limits, contact=question.limits.contact + MORE_CONTACT)
+            question = replace(question, limits=tighter)
             best = max((best, _planned(model, planning, tracker, question, weights)), key=_worth)
         except (InfeasibleError, ValueError):
             break
@@ -130,6 +133,9 @@ def _planned(
     weights: TrackingWeights,
 ) -> PlannedTrajectory:
     motion, gains, flight, inner = _fed_back(planning, question, weights)
+    if len(motion.inputs) > LONGEST_PLAN_TICKS:
+        reason = f"{len(motion.inputs)} ticks of {question.tick_s:g} s, and a plan has {LONGEST_PLAN_TICKS} at most"
+        raise ValueError(f"the {question.kind} takes {reason}")
     limit_nm, thrown = model.device.torque_limit_nm, flight is not None
     plan = PlayedPlan(motion.states, motion.inputs, gains, motion.tick_s, limit_nm, thrown)
     contact, friction = _pressed(planning, motion, flight, inner)

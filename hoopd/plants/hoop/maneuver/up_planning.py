@@ -23,7 +23,7 @@ from hoopd.plants.hoop.maneuver.inner_model import InnerModel
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.planning import USUAL_TORQUE_NM, InfeasibleError, infeasible
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
-from hoopd.plants.hoop.maneuver.throw_planning import hoop_alone, run_up_to, straight
+from hoopd.plants.hoop.maneuver.throw_planning import check_flight_torque, hoop_alone, run_up_to, straight
 
 Array = NDArray[np.float64]
 
@@ -145,6 +145,7 @@ def _air(model: PlanningModel, inner: InnerModel, question: ManeuverQuestion, of
     surface = v["Ro"] * off[1] - (v["Ro"] - v["Rb"]) * off[3]
     wanted = (inner.track_m * turn * touch.on_rad_s - surface) / v[RADIUS]
     torque, _ = hoop_alone(model, off, wanted - off[1], 1, touch.seconds)
+    check_flight_torque(torque, question)
     n = ceil(touch.seconds / question.tick_s)
     course = ContactCourse(inner.modes, v, inner.modes.rolling.beginning(off))
     states = [course.seen()[:4]]

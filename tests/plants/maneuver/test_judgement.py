@@ -1,0 +1,47 @@
+"""What a recorded maneuver is judged to be, from arrays alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoopd.plants.hoop.maneuver.judgement import ManeuverOutcome, RecordedManeuver, judge_maneuver
+
+TRACK_M, GRAVITY_M_S2 = 0.0853, 9.81
+
+
+def swing(to_rad: float) -> ManeuverOutcome:
+    """Out and back within a second, then at rest."""
+    t = np.arange(0.0, 4.0, 0.02)
+    psi = np.where(t < 1.0, to_rad * np.sin(np.pi * np.minimum(t, 1.0)) ** 2, 0.0)
+    states = np.column_stack([0 * t, 0 * t, psi, np.gradient(psi, t)])
+    return judge_maneuver(RecordedManeuver(t, 0 * t, states, t, psi, 1.0), TRACK_M, GRAVITY_M_S2)
+
+
+@pytest.mark.parametrize(
+    ("to_rad", "turn", "says"),
+    [
+        (0.8, 1, ()),
+        (-0.8, -1, ()),
+        (0.7, 1, ()),
+        (0.16, 1, ("swung by 0.16 rad, not by 0.8",)),
+        (0.8, -1, ("swung by 0 rad, not by 0.8",)),
+    ],
+)
+def test_a_swing_goes_as_far_as_planned_and_on_its_side(to_rad: float, turn: int, says: tuple[str, ...]) -> None:
+    outcome = swing(to_rad)
+    assert outcome.shortfalls("swing", turn, 0.8) == says
+    assert outcome.largest_angle_rad == pytest.approx(abs(to_rad), rel=1e-3)
+
+
+def test_the_outer_hoop_does_not_press_on_a_ball_that_rests_on_the_inner_one() -> None:
+    """Ten ticks through the air, then at rest on the top: what flew is what was in the air."""
+    t = np.arange(0.0, 4.0, 0.02)
+    psi = np.where(t < 0.4, 0.0, np.pi)
+    states = np.column_stack([0 * t, 0 * t, psi, 0 * t])
+    inner = (t >= 0.6) & (t < 2.0)
+    run = RecordedManeuver(t, 0 * t, states, t, psi, 1.9, None, inner)
+    outcome = judge_maneuver(run, TRACK_M, GRAVITY_M_S2)
+    assert outcome.loose_s == pytest.approx(0.2) and outcome.least_contact == pytest.approx(-1.0)
+    never_flew = judge_maneuver(run._replace(inner=t >= 0.4), TRACK_M, GRAVITY_M_S2)
+    assert never_flew.loose_s == 0.0 and never_flew.least_contact == pytest.approx(1.0) and not never_flew.flew
