@@ -86,7 +86,7 @@ class HealWorker:
         found = judged(parse(file_bytes(told), told), version.faults_s, version.to_s - version.from_s)
         result = {
             "kind": found.kind, "reason": found.reason, "learn": found.may_be_learned, "effects": found.effects,
-            "probabilities": found.probabilities, "parameters": found.parameters,
+            "probabilities": found.probabilities, "parameters": found.parameters, "values": found.values,
         }  # fmt: skip
         if not found.may_be_learned:
             return result

@@ -45,7 +45,7 @@ class ChangeJudgement:
     """What the newest minutes say.
 
     `effects`: parameters of what is new and confirmed, by name; `probabilities`: of these; `parameters`: of the model's
-    parameters outside of whose interval the old value lies, the change as a share of it.
+    parameters outside of whose interval the old value lies, the change as a share of it; `values`: what these are now.
     """
 
     kind: str
@@ -53,6 +53,7 @@ class ChangeJudgement:
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     probabilities: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def may_be_learned(self) -> bool:
@@ -70,16 +71,17 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
     large = [one for one in diagnosis.effects if _is_large(one)]
     sure = [one for one in large if one.status not in DOUBTED and one.in_model is not False]
     changed = _changed(diagnosis.base.parameters)
+    values = _values({name: diagnosis.base.parameters[name] for name in changed})
     if sure:
         names = ", ".join(one.name for one in sure)
         probabilities = {one.name: one.probability or 0.0 for one in sure}
-        return ChangeJudgement(PHYSICS, f"new: {names}", _sizes(sure), probabilities, changed)
+        return ChangeJudgement(PHYSICS, f"new: {names}", _sizes(sure), probabilities, changed, values)
     if large:
         told = ", ".join(f"{one.name} ({one.status})" for one in large)
         return ChangeJudgement(NOTHING, f"not sure enough: {told}")
     if changed:
         told = ", ".join(f"{name} {share:+.0%}" for name, share in changed.items())
-        return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed)
+        return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed, values=values)
     return ChangeJudgement(NOTHING, "the model explains these minutes")
 
 
@@ -119,10 +121,11 @@ def _broken(one: EffectFinding) -> str:
 
 
 def _sizes(findings: list[EffectFinding]) -> dict[str, dict[str, float]]:
-    return {
-        one.name: {key: value for key, told in one.parameters.items() if (value := _value(told)) is not None}
-        for one in findings
-    }
+    return {one.name: _values(one.parameters) for one in findings}
+
+
+def _values(parameters: Mapping[str, Quantity]) -> dict[str, float]:
+    return {name: one.value for name, one in parameters.items() if one.value is not None}
 
 
 def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float]:

@@ -186,7 +186,7 @@ class Healing:
     def _objection(self, policy: HealPolicy, version: HealVersion) -> str:
         """Why a policy does not let a version pass; what once acted is nothing new."""
         told = version.evidence
-        sizes = told.get("effects", {}), told.get("probabilities", {}), told.get("parameters", {})
+        sizes = (told.get(name, {}) for name in ("effects", "probabilities", "parameters", "values"))
         why = "" if version.restores is not None else policy.objection(*sizes)
         every = self._in_hand.folder.every()
         accepted = [one.accepted for one in every if one.accepted is not None and one.kind != FOUND]

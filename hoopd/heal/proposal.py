@@ -19,7 +19,7 @@ from hoopd.files.heal_versions import OVER
 from hoopd.heal.attempt import Attempt
 
 # Of a diagnosis, and of a proof, what is kept as evidence.
-OF_A_DIAGNOSIS, OF_A_PROOF = ("effects", "probabilities", "parameters"), ("gain", "promise", "earlier")
+OF_A_DIAGNOSIS, OF_A_PROOF = ("effects", "probabilities", "parameters", "values"), ("gain", "promise", "earlier")
 
 
 class VersionProposal:

@@ -103,3 +103,12 @@ def test_a_correction_beside_the_change_is_no_change() -> None:
     # beside a changed parameter it is none, either
     base = parameters(Ih=(2.0e-3, 1e-5, 1.5e-3))
     assert judged(said(effects=[late], base=base, verdict="missing_physics"), {}, 40.0).kind == PARAMETERS
+
+
+def test_a_changed_parameter_is_told_with_its_new_size() -> None:
+    base = Base(
+        model="hoop",
+        parameters={"hoop.coulomb_friction.Fc": Quantity(value=0.5, unit="N m", ci95=(0.499, 0.501), nominal=0.01)},
+    )
+    judgement = judged(said(base=base, verdict="parameters"), {}, 40.0)
+    assert judgement.values == {"hoop.coulomb_friction.Fc": 0.5}
