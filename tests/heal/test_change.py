@@ -112,3 +112,21 @@ def test_a_changed_parameter_is_told_with_its_new_size() -> None:
     )
     judgement = judged(said(base=base, verdict="parameters"), {}, 40.0)
     assert judgement.values == {"hoop.coulomb_friction.Fc": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "before", "now", "kind"),
+    [
+        ("camera.latency.d", "s", 0.02, 0.3, SENSOR),
+        ("camera.latency.d", "s", 0.02, 0.05, PARAMETERS),
+        ("encoder.harmonic.a", "rad", 0.02, 0.3, SENSOR),
+        ("actuator.lost_commands.share", "", 0.01, 0.1, SENSOR),
+        ("hoop.coulomb_friction.Fc", "N m", 0.01, 0.02, PARAMETERS),
+    ],
+)
+def test_a_sensor_that_breaks_is_not_learned_where_the_model_has_its_effect(
+    name: str, unit: str, before: float, now: float, kind: str
+) -> None:
+    changed = Quantity(value=now, unit=unit, ci95=(0.99 * now, 1.01 * now), nominal=before)
+    base = Base(model="hoop", parameters={name: changed})
+    assert judged(said(base=base, verdict="parameters"), {}, 40.0).kind == kind
