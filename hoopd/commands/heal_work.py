@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from hoopd.commands.step_commands import StepError, run_step
+from hoopd.design.comparison import LEAST_SHARE
 from hoopd.diagnose.record_file import parse
 from hoopd.files.heal_versions import HealVersion, VersionFolder
 from hoopd.files.model import model_text
@@ -156,7 +157,11 @@ class HealWorker:
         version = self.folder.read(work.number)
         new = self.folder.of(version.acts_as)
         seconds = read_recording(f"{self.recording()}@{work.from_s:.3f}:{work.to_s:.3f}")
-        return {**asdict(loop_costs(seconds, self.folder.of(version.before), new, self.by)), "from_s": work.from_s}
+        costs = loop_costs(seconds, self.folder.of(version.before), new, self.by)
+        if costs.seconds < LEAST_SHARE * (work.to_s - work.from_s):
+            told = f"{costs.seconds:.1f} s of {work.to_s - work.from_s:.1f} s"
+            raise ValueError(f"nothing to be weighed: the recording has {told} in which the law acts")
+        return {**asdict(costs), "from_s": work.from_s}
 
     def _cut(self, work: HealWork, path: Path) -> None:
         """Seconds of the daemon's recording, kept as evidence."""

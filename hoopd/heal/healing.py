@@ -18,12 +18,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.succession import ACCEPT, CONTROLLER
 from hoopd.design.comparison import WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
+from hoopd.heal.change import OF_THE_COMPUTER
 from hoopd.heal.plan import HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
@@ -96,7 +98,7 @@ class Healing:
         if event == DRIFT:
             self._drifts()
         elif event == "fault":
-            self._in_hand.watch.fault_begins(str(fields.get("fault")))
+            self._fault_begins(str(fields.get("fault")))
         elif event == "fault_cleared":
             self._in_hand.watch.fault_ends(str(fields.get("fault")))
         elif event == CONTROLLER:
@@ -157,8 +159,16 @@ class Healing:
         """Minutes in which no law acts are none."""
         if self.phase == "gathering":
             self._in_hand.enter("watching")
-        if not self._in_hand.watch.running:
+        if self._in_hand.watch.running:
+            self._probation.law_begins()
+        else:
             self._probation.law_stops()
+
+    def _fault_begins(self, name: str) -> None:
+        self._in_hand.watch.fault_begins(name)
+        row = BY_NAME.get(name)
+        if row is not None and row.action >= Action.PAUSE and name not in OF_THE_COMPUTER:
+            self._probation.law_fails(f"{name}: {row.meaning}")
 
     def _drifts(self) -> None:
         if self.phase not in UNHEARD_IN:

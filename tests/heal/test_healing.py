@@ -375,3 +375,54 @@ def test_a_promise_is_broken_by_more_than_a_fifth_and_more_than_before() -> None
     assert "were promised" in verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise)
     # what the device costs more than its model in either is not the new law's fault
     assert verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise | {"measured": 1.5}) == ""
+
+
+def accepted(folder: Path) -> PlayedDaemon:
+    """A daemon whose new version is accepted just now."""
+    daemon = PlayedDaemon(folder)
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state() == "accepted")
+    return daemon
+
+
+def rounds(daemon: PlayedDaemon) -> list[HealWork]:
+    """What was weighed after the trial."""
+    return [one for one in daemon.works if one.name == "weigh"][1:]
+
+
+def test_minutes_in_which_the_law_does_not_act_are_no_round_of_the_watch(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.run(20.0)
+    daemon.running = False
+    daemon.run(300.0)
+    assert rounds(daemon) == [] and daemon.healing.phase == "settling"
+    daemon.running = True
+    begins = daemon.t
+    daemon.run(200.0)
+    assert daemon.healing.phase == "watching" and daemon.versions.read(1).evidence["watched"]
+    assert len(rounds(daemon)) == 4 and rounds(daemon)[0].from_s >= begins
+
+
+def test_a_fault_under_what_was_accepted_is_a_bad_round_and_two_take_it_back(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    for names in (("ball_runaway", "ball_lost"), ("ball_runaway",)):
+        daemon.run(10.0)
+        assert daemon.state() == "accepted"
+        daemon.running = False
+        daemon.run(0.1)
+        for name in names:
+            daemon.healing.note("fault", {"fault": name})
+        daemon.run(60.0)
+        daemon.running = True
+    assert daemon.state() == "rolled_back" and daemon.versions.loop().acting == 0
+    assert daemon.versions.read(1).reason.startswith("ball_runaway: ")
+
+
+@pytest.mark.parametrize("name", ["overrun_persistent", "camera_late", "ball_runaway"])
+def test_a_fault_that_is_none_of_the_law_is_no_bad_round(name: str, tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    if name == "ball_runaway":  # while nobody controls
+        daemon.running = False
+        daemon.run(10.0)
+    daemon.healing.note("fault", {"fault": name})
+    assert len(daemon.versions.read(1).evidence["rounds"]) == 1  # the trial
