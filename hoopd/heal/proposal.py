@@ -40,6 +40,9 @@ class VersionProposal:
         one = open_ones[-1]
         hand.take(one)
         hand.tell(f"going on with version {one.number}: {one.state}")
+        if one.before != (acting := hand.folder.loop().acting):
+            hand.end("left", f"it was found beside version {one.before}, and version {acting} acts")
+            return False
         if one.state == "trying":
             hand.keep("proposed", "its trial was broken off: the daemon went back by itself")
         if one.state == "proposed":

@@ -426,3 +426,14 @@ def test_a_fault_that_is_none_of_the_law_is_no_bad_round(name: str, tmp_path: Pa
         daemon.run(10.0)
     daemon.healing.note("fault", {"fault": name})
     assert len(daemon.versions.read(1).evidence["rounds"]) == 1  # the trial
+
+
+def test_what_was_found_beside_another_version_than_the_one_that_acts_is_left(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", policy=None)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state() == "proposed")
+    daemon.healing.note("controller", {"command": "controller", "sha256": "f" * 64})
+    daemon.versions.first("other.yaml@ffffffffffff", "law", "model", daemon.t, "ann")
+    daemon.begin()
+    assert daemon.state() == "left" and daemon.healing.phase == "watching"
+    assert daemon.versions.read(1).reason == "it was found beside version 0, and version 2 acts"
