@@ -18,18 +18,20 @@ from hoopd.commands.step_commands import StepError, run_step
 from hoopd.design.comparison import LEAST_SHARE
 from hoopd.diagnose.record_file import parse
 from hoopd.files.heal_versions import HealVersion, VersionFolder
+from hoopd.files.memory import add_to_memory, load_memory
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
 from hoopd.heal.change import judged
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
-from hoopd.heal.plan import HealWork
+from hoopd.heal.plan import REMEMBER, HealWork
 from hoopd.plants.hoop.loop.writeback import unused
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
 
 LAW = "lqg"
+MEMORY = "memory.json"  # of a version: what was known, and its diagnosis
 # A law that follows the time since a recording's begin is none of the next one's: a filter cannot have it, and what is
 # fitted beside it would be wrong without it.
 OF_A_RECORDING = ("hoop.friction_drift",)
@@ -62,7 +64,8 @@ class HealWorker:
     def work(self, work: HealWork) -> dict[str, Any]:
         """The result as plain data; `error` in it where nothing came of it."""
         try:
-            return {"diagnose": self._diagnose, "prove": self._prove, "weigh": self._weigh}[work.name](work)
+            steps = {"diagnose": self._diagnose, "prove": self._prove, "weigh": self._weigh, REMEMBER: self._remember}
+            return steps[work.name](work)
         except (StepError, InputError, ValueError, OSError) as error:
             return {"error": str(error)}
 
@@ -73,7 +76,7 @@ class HealWorker:
         self._cut(work, evidence)
         if not told.exists():
             words: list[str | Path] = ["diagnose", evidence, "--model", before / "model.yaml", "--seed", str(self.seed)]
-            words += [] if self.memory is None else ["--memory", self.memory, "--date", _day(version.begun)]
+            words += self._memory_words(place, version.begun)
             words += [
                 "--without",
                 ",".join(OF_A_RECORDING),
@@ -101,6 +104,24 @@ class HealWorker:
             return result | {"learn": False, "reason": f"{found.reason}; {why}"}
         self._design(place)
         return result
+
+    def _memory_words(self, place: Path, begun: float) -> list[str | Path]:
+        """A diagnosis is told what is known, as a copy: what it adds counts once its version has proven itself."""
+        if self.memory is None:
+            return []
+        copy = place / MEMORY
+        copy.unlink(missing_ok=True)
+        if self.memory.exists():
+            replace_file(copy, file_bytes(self.memory))
+        return ["--memory", copy, "--date", _day(begun)]
+
+    def _remember(self, work: HealWork) -> dict[str, Any]:
+        """What the diagnosis of a version says is known of the device from now on."""
+        copy = self.folder.of(work.number) / MEMORY
+        if self.memory is not None and copy.exists():
+            told, _ = load_memory(copy, None)
+            add_to_memory(self.memory, told.of, told.diagnoses[-1])
+        return {}
 
     def _without_corrections(self, place: Path, before: Path, effects: Collection[str]) -> None:
         """The model of a version: what was found, without effects that are no more than a correction beside it."""

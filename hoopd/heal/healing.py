@@ -26,7 +26,7 @@ from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.change import OF_THE_COMPUTER
-from hoopd.heal.plan import HealPlan, HealWork
+from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
 
@@ -132,6 +132,8 @@ class Healing:
 
     def done(self, work: HealWork, result: Mapping[str, Any]) -> None:
         """What came of a computation; `error` in it: why nothing did."""
+        if work.name == REMEMBER and "error" in result:
+            self._in_hand.tell(f"version {work.number} is not remembered: {result['error']}")
         if self.over or not self._in_hand.waits_for(work) or self.phase != PHASE_OF_WORK[work.name]:
             return  # of a trial that went back meanwhile, or of a version that nobody has in hand any more
         if error := result.get("error"):

@@ -29,10 +29,13 @@ class HealPlan:
     by: str = BALL
 
 
+REMEMBER = "remember"  # of what is computed that nobody waits for
+
+
 class HealWork(NamedTuple):
     """What is to be computed of seconds that were recorded."""
 
-    name: str  # diagnose, prove or weigh
+    name: str  # diagnose, prove, weigh or remember
     number: int  # of the version
     from_s: float
     to_s: float

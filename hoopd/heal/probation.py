@@ -19,7 +19,7 @@ from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, T
 from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND
 from hoopd.heal.attempt import Attempt
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
@@ -254,6 +254,7 @@ class Probation:
             self._roll_back(bad)
         elif self._rounds.is_settled:
             hand.note(**{WATCHED: True})
+            hand.compute(REMEMBER, hand.version.from_s, hand.version.to_s)
             hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
         else:
             hand.keep("accepted")

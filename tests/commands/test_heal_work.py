@@ -14,6 +14,7 @@ from hoopd.commands import heal_work
 from hoopd.commands.heal_work import HealWorker
 from hoopd.core.modes import Mode
 from hoopd.files.heal_versions import VersionFolder
+from hoopd.files.memory import Memory, RememberedDiagnosis, add_to_memory, load_memory, save_memory
 from hoopd.files.model import EffectEntry, Parameter, model_text
 from hoopd.files.shipped import defaults_folder
 from hoopd.heal import cost_promise
@@ -81,3 +82,26 @@ def test_seconds_without_the_law_or_without_pictures_are_not_weighed(
     assert ("error" not in result) is is_weighed
     if not is_weighed:
         assert result["error"].endswith(f"{10.0 * share if sees else 0.0:.1f} s of 10.0 s in which the law acts")
+
+
+def test_a_diagnosis_is_told_what_is_known_and_adds_to_it_later(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    versions, known = begun(tmp_path / "healed"), tmp_path / "known.json"
+    place = versions.of(versions.add(60.0, to_s=40.0).number)
+    (place / "evidence.mcap").touch()
+    worker = HealWorker(folder=versions, recording=Path, lay_in=lambda *_: "", by="ball", memory=known)
+    save_memory(known, Memory(of="hoop rolling", diagnoses=[RememberedDiagnosis(recordings=["earlier"])]))
+
+    def diagnoses(words: list[str | Path], *_: object, **__: object) -> int:
+        path = Path(words[words.index("--memory") + 1])
+        add_to_memory(path, "hoop rolling", RememberedDiagnosis(recordings=["this"]))
+        Path(words[words.index("--json") + 1]).write_bytes(msgspec.json.encode(said()))
+        return 0
+
+    monkeypatch.setattr(heal_work, "run_step", diagnoses)
+    assert worker.work(HealWork("diagnose", 1, 0.0, 40.0))["learn"] is False
+    assert [one.recordings for one in load_memory(known, None)[0].diagnoses] == [["earlier"]]
+    add_to_memory(known, "hoop rolling", RememberedDiagnosis(recordings=["meanwhile"]))
+    assert worker.work(HealWork("remember", 1, 0.0, 40.0)) == {}
+    assert [one.recordings for one in load_memory(known, None)[0].diagnoses] == [["earlier"], ["meanwhile"], ["this"]]

@@ -56,7 +56,7 @@ class PlayedDaemon:
         if not self.folder.exists():
             self.versions.begin("hoop")
             self.versions.first("lqg.yaml@000000000000", "law", "model", 0.0, "me")
-        self.answers = {"diagnose": FRICTION, "prove": PROVEN, "weigh": GOOD} | self.answers
+        self.answers = {"diagnose": FRICTION, "prove": PROVEN, "weigh": GOOD, "remember": {}} | self.answers
         self.begin()
 
     def begin(self, run: str = "one") -> None:
@@ -437,3 +437,14 @@ def test_what_was_found_beside_another_version_than_the_one_that_acts_is_left(tm
     daemon.begin()
     assert daemon.state() == "left" and daemon.healing.phase == "watching"
     assert daemon.versions.read(1).reason == "it was found beside version 0, and version 2 acts"
+
+
+def test_a_diagnosis_is_remembered_when_the_watch_over_its_version_has_ended_well(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "good")
+    assert "remember" not in [one.name for one in daemon.works]
+    daemon.run(200.0)
+    assert [(one.name, one.number) for one in daemon.works].count(("remember", 1)) == 1
+    bad = accepted(tmp_path / "bad")
+    bad.answers["weigh"] = BAD
+    bad.run(200.0)
+    assert bad.state() == "rolled_back" and "remember" not in [one.name for one in bad.works]
