@@ -248,7 +248,7 @@ class _FollowedDaemon:
         if self._interrupted:
             return "interrupted"
         faults = self._device.status.get("faults")
-        healing.see(tuple(faults) if isinstance(faults, list) else ())
+        healing.see(tuple(faults) if isinstance(faults, list) else (), _accepted(self._device))
         self._tell_mode()
         while not self._results.empty():
             healing.done(*self._results.get())

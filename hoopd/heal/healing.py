@@ -111,8 +111,12 @@ class Healing:
         elif event == "command_refused":
             self._probation.refused(str(fields.get("command")), str(fields.get("reason", "")))
 
-    def see(self, faults: tuple[str, ...]) -> None:
-        """Active faults, as a status tells them: what began before anybody listened."""
+    def see(self, faults: tuple[str, ...], acting: str = "") -> None:
+        """Active faults and the accepted controller, as a status tells them: what began before anybody listened, and
+        what was not heard. `acting`: NAME.yaml@SHA256, empty while it tells of none."""
+        self._probation.acts(acting)
+        rows = [BY_NAME[name] for name in faults if name in BY_NAME]
+        self._in_hand.watch.faults_are([row.name for row in rows if row.action > Action.NOTE])
         if DRIFT in faults:
             self._drifts()
 

@@ -9,12 +9,15 @@ nothing of what becomes of them.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from hoopd.core.drift import BLOCK_S, BLOCKS
 from hoopd.heal.plan import HealPlan
 
 # The median of the blocks is beyond its bound when half of them are: of these all but the first are of the changed loop
 # from their beginning on.
 CERTAIN_S = (BLOCKS // 2 - 1) * BLOCK_S
+STATUS_S = 2.0  # a status comes every second
 # Every pause after something that came to nothing is twice the one before, so often.
 MOST_DOUBLED = 4
 
@@ -56,6 +59,17 @@ class LoopWatch:
         spans = self._faults.get(name)
         if spans and spans[-1][1] is None:
             spans[-1] = (spans[-1][0], self.t)
+
+    def faults_are(self, active: Collection[str]) -> None:
+        """The rows that a status has as active: what began before anybody listened, and what nobody heard the end of.
+
+        A status may be older than the last word about a row, which is believed first.
+        """
+        for name in dict.fromkeys([*self._faults, *active]):
+            begin, end = self._faults[name][-1] if name in self._faults else (-STATUS_S, -STATUS_S)
+            is_open = end is None
+            if is_open != (name in active) and self.t - (begin if end is None else end) >= STATUS_S:
+                (self.fault_ends if is_open else self.fault_begins)(name)
 
     def faults_s(self, from_s: float, to_s: float) -> dict[str, float]:
         """For how long each row was active between two times."""

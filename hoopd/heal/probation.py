@@ -65,6 +65,8 @@ class Probation:
             self._accepted()  # neither refused nor gone back: the word of it was lost
         elif hand.phase == "trying" and hand.passed_s >= ENTER_S + hand.plan.trial_s:
             self._weigh(hand.since + ENTER_S)
+        elif hand.phase == "rolling" and hand.passed_s > PATIENCE_S:
+            self._stays(f"the one of before did not take over within {PATIENCE_S:g} s")
         elif hand.phase == "settling" and self._round_is_full:
             self._weigh(watch.t - hand.plan.round_s + (ENTER_S if self._rounds.count == 0 else 0.0))
         if hand.on_trial and watch.t - self._alive_at >= ALIVE_S:
@@ -148,8 +150,19 @@ class Probation:
         elif hand.phase == "accepting" and command == ACCEPT:
             hand.end("went_back", f"it could not be accepted: {reason}")
         elif hand.phase == "rolling" and command == CONTROLLER:
-            hand.folder.acts(hand.version.acts_as)
-            hand.end("accepted", f"{hand.version.reason}; the daemon did not take the one of before: {reason}")
+            self._stays(f"the daemon did not take the one of before: {reason}")
+
+    def acts(self, key: str) -> None:
+        """The controller that a status has as accepted: where the word of a roll-back was lost."""
+        hand = self._in_hand
+        if hand.phase == "rolling" and hand.passed_s > BACK_S and key == hand.folder.read(hand.version.before).key:
+            hand.end("rolled_back")
+
+    def _stays(self, why: str) -> None:
+        """What was accepted acts on, though it is bad."""
+        hand = self._in_hand
+        hand.folder.acts(hand.version.acts_as)
+        hand.end("accepted", f"{hand.version.reason}; {why}")
 
     def returned(self, reason: str) -> None:
         """The daemon took the trial back."""

@@ -48,7 +48,7 @@ class PlayedDaemon:
     tells: bool = True
 
     def __post_init__(self) -> None:
-        self.t, self.running, self.faults = 0.0, True, tuple[str, ...]()
+        self.t, self.running, self.faults, self.acting = 0.0, True, tuple[str, ...](), ""
         self.orders: list[tuple[float, WantedCommand]] = []
         self.works: list[HealWork] = []
         self._due: tuple[float, HealWork] | None = None
@@ -68,7 +68,7 @@ class PlayedDaemon:
         end = self.t + seconds
         while self.t < end and not until():
             self.t = round(self.t + PERIOD_S, 6)
-            self.healing.see(self.faults)
+            self.healing.see(self.faults, self.acting)
             nan = float("nan")
             for order in self.healing.put(TickSample(self.t, self.running, 0.0, 0.0, nan, nan, 0.0)):
                 self._obey(order)
@@ -448,3 +448,53 @@ def test_a_diagnosis_is_remembered_when_the_watch_over_its_version_has_ended_wel
     bad.answers["weigh"] = BAD
     bad.run(200.0)
     assert bad.state() == "rolled_back" and "remember" not in [one.name for one in bad.works]
+
+
+def test_a_fault_that_began_before_anybody_listened_is_of_the_minutes(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.faults = ("ball_missing", "frame_bad")
+    daemon.run(100.0)
+    daemon.healing.note("model_drift", {})
+    daemon.run(60.0, lambda: bool(daemon.works))
+    assert daemon.versions.read(1).faults_s == {"ball_missing": pytest.approx(40.0, abs=0.1)}
+
+
+def test_a_fault_whose_end_nobody_heard_ends_with_the_status(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.run(10.0)
+    daemon.healing.note("fault", {"fault": "ball_missing"})
+    daemon.run(300.0)
+    daemon.drift()
+    daemon.run(60.0, lambda: bool(daemon.works))
+    assert daemon.versions.read(1).faults_s == {}
+
+
+def test_a_word_about_a_fault_is_believed_before_a_status_that_may_be_older(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.run(95.0)
+    daemon.healing.note("fault", {"fault": "ball_missing"})  # the status has none of it yet
+    daemon.run(1.0)
+    daemon.faults = ("ball_missing",)
+    daemon.healing.note("fault_cleared", {"fault": "ball_missing"})  # and has it still
+    daemon.run(1.0)
+    daemon.faults = ()
+    daemon.run(3.0)
+    daemon.drift()
+    daemon.run(60.0, lambda: bool(daemon.works))
+    assert daemon.versions.read(1).faults_s == {"ball_missing": pytest.approx(1.0, abs=0.05)}
+
+
+@pytest.mark.parametrize(("acts", "state", "acting"), [(0, "rolled_back", 0), (1, "accepted", 1)])
+def test_a_roll_back_of_which_nobody_heard_is_told_by_the_status(
+    acts: int, state: str, acting: int, tmp_path: Path
+) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.answers["weigh"] = BAD
+    daemon.tells = False
+    daemon.acting = daemon.versions.read(1).key
+    daemon.run(200.0, lambda: daemon.healing.phase == "rolling")
+    daemon.acting = daemon.versions.read(acts).key
+    daemon.run(40.0)
+    assert daemon.healing.phase == "watching" and daemon.state() == state
+    assert daemon.versions.loop().acting == acting
+    assert ("did not take over within 25 s" in daemon.versions.read(1).reason) is (acts == 1)
