@@ -200,6 +200,8 @@ class _FollowedDaemon:
             raise
         finally:
             self._wanted.put(None)
+        if supervisor.error is not None:
+            raise supervisor.error
         typer.echo(f"no longer following: {healing.why or 'the daemon is gone'}")
 
     def _files(self) -> LoopFiles:

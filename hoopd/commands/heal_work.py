@@ -68,6 +68,8 @@ class HealWorker:
             return steps[work.name](work)
         except (StepError, InputError, ValueError, OSError) as error:
             return {"error": str(error)}
+        except Exception as error:  # a mistake of ours ends the version, and not whoever waits for a result
+            return {"error": f"{type(error).__name__}: {error}"}
 
     def _diagnose(self, work: HealWork) -> dict[str, Any]:
         version, place = self.folder.read(work.number), self.folder.of(work.number)

@@ -19,7 +19,7 @@ from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, T
 from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND
 from hoopd.heal.attempt import Attempt
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER, WEIGH_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
@@ -67,6 +67,8 @@ class Probation:
             self._weigh(hand.since + ENTER_S)
         elif hand.phase == "rolling" and hand.passed_s > PATIENCE_S:
             self._stays(f"the one of before did not take over within {PATIENCE_S:g} s")
+        elif hand.phase == "weighing" and hand.passed_s > WEIGH_S:
+            self.failed_to_weigh(f"it was not weighed within {WEIGH_S:g} s")
         elif hand.phase == "settling" and self._round_is_full:
             self._weigh(watch.t - hand.plan.round_s + (ENTER_S if self._rounds.count == 0 else 0.0))
         if hand.on_trial and watch.t - self._alive_at >= ALIVE_S:
@@ -118,7 +120,7 @@ class Probation:
         hand.order(TRIAL, hand.version.key)
 
     def _weigh(self, from_s: float) -> None:
-        self._in_hand.phase = "weighing"
+        self._in_hand.enter("weighing")
         self._in_hand.compute("weigh", from_s, self._in_hand.watch.t)
 
     # ------------------------------------------------------------------------------------------ what the daemon tells

@@ -105,3 +105,12 @@ def test_a_diagnosis_is_told_what_is_known_and_adds_to_it_later(
     add_to_memory(known, "hoop rolling", RememberedDiagnosis(recordings=["meanwhile"]))
     assert worker.work(HealWork("remember", 1, 0.0, 40.0)) == {}
     assert [one.recordings for one in load_memory(known, None)[0].diagnoses] == [["earlier"], ["meanwhile"], ["this"]]
+
+
+def test_a_mistake_in_a_computation_is_its_result(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def fails(*_: object) -> None:
+        raise KeyError("mode")
+
+    monkeypatch.setattr(heal_work, "read_recording", fails)
+    worker = HealWorker(folder=begun(tmp_path / "healed"), recording=Path, lay_in=lambda *_: "", by="ball")
+    assert worker.work(HealWork("weigh", 0, 0.0, 10.0)) == {"error": "KeyError: 'mode'"}

@@ -484,6 +484,18 @@ def test_a_word_about_a_fault_is_believed_before_a_status_that_may_be_older(tmp_
     assert daemon.versions.read(1).faults_s == {"ball_missing": pytest.approx(1.0, abs=0.05)}
 
 
+def test_a_trial_that_is_never_weighed_goes_back(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "weighing")
+    daemon._due = None  # whoever computes it is gone
+    daemon.run(290.0)
+    assert daemon.state() == "trying"
+    daemon.run(20.0)
+    assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
+    assert daemon.versions.read(1).reason == "it was not weighed within 300 s"
+
+
 @pytest.mark.parametrize(("acts", "state", "acting"), [(0, "rolled_back", 0), (1, "accepted", 1)])
 def test_a_roll_back_of_which_nobody_heard_is_told_by_the_status(
     acts: int, state: str, acting: int, tmp_path: Path
