@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
+from hoopd.core.trial import DEAR, SILENT
 from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND
 from hoopd.heal.attempt import Attempt
@@ -23,7 +24,8 @@ from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER, WEIG
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
-# is weighed by all of its seconds, and tried so often where these keep the promise; once more where they are too few.
+# for one, or because nobody was heard, is weighed by all of its seconds, and tried so often where these keep the
+# promise; once more where they are too few. What a fault or a person ended is over.
 TRIES_KEPT, TRIES_UNWEIGHED = 4, 2
 LEAST_WEIGHED_S = 5.0
 FAULT_S = 1.0  # a fault that is told so soon after the law stopped is what stopped it
@@ -172,8 +174,8 @@ class Probation:
         was_on_trial, hand.on_trial = hand.on_trial, False
         if not (was_on_trial or hand.phase == "asked"):
             return
-        if reason == REVERTED:
-            hand.end("went_back")
+        if not reason.startswith((DEAR, SILENT)):
+            hand.end("went_back", "" if reason == REVERTED else reason)
             return
         hand.note(tries=self._tries + 1)
         hand.keep("proposed", f"the daemon took it back: {reason}")

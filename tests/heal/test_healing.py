@@ -510,3 +510,20 @@ def test_a_roll_back_of_which_nobody_heard_is_told_by_the_status(
     assert daemon.healing.phase == "watching" and daemon.state() == state
     assert daemon.versions.loop().acting == acting
     assert ("did not take over within 25 s" in daemon.versions.read(1).reason) is (acts == 1)
+
+
+@pytest.mark.parametrize(
+    "reason", ["the mode is FAULT (ball_runaway)", "the mode is DISARMED", "the estimate was lost"]
+)
+def test_a_trial_that_a_fault_or_a_person_ended_is_not_tried_again(reason: str, tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+    daemon.run(20.0)
+    daemon.healing.note("trial_returned", {"reason": reason})
+    daemon.running = False
+    daemon.run(10.0)
+    daemon.running = True
+    daemon.run(60.0)
+    assert daemon.names == ["trial"] and daemon.state() == "went_back"
+    assert daemon.versions.read(1).reason == reason
