@@ -172,8 +172,8 @@ class HealWorker:
         }
 
     def _earlier(self, version: HealVersion) -> list[HealVersion]:
-        """Versions that acted once and do not act now, the newest four."""
-        every = [one for one in self.folder.every() if one.accepted is not None and one.restores is None]
+        """Versions that acted once, were not given up and do not act now, the newest four."""
+        every = [one for one in self.folder.every() if one.state == "accepted" and one.restores is None]
         return [one for one in every if one.number not in (version.number, version.before)][-4:]
 
     def _weigh(self, work: HealWork) -> dict[str, Any]:

@@ -30,7 +30,9 @@ from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
 
-DRIFT = "model_drift"
+DRIFT, POLICY = ("model_drift", "policy")
+# A policy is asked again so often, and tries nothing that was proven longer ago: the device may be another by then.
+ASK_S, PROOF_S = 60.0, 600.0
 # A drift that is told right after a change of the law may be of the law before it.
 UNHEARD_IN = ("settling", "rolling")
 PHASE_OF_WORK: Mapping[str, str] = {"diagnose": "diagnosing", "prove": "proving", "weigh": "weighing"}
@@ -51,7 +53,7 @@ class Healing:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self._in_hand = Attempt(folder, plan, clock, tell, run)
         self._proposal, self._probation = VersionProposal(self._in_hand), Probation(self._in_hand)
-        self._policy = policy
+        self._policy, self._asked_at = policy, 0.0
         self._began = self._over = self._settled = False
         self.why = ""
         if not self._probation.take_up() and self._proposal.take_up():
@@ -87,6 +89,8 @@ class Healing:
             self._began = True
             self._in_hand.enter(self.phase)  # what was taken up begins with the first tick
         if not self.over:
+            if self._policy is not None:
+                self._ask_policy_again(self._policy)
             self._proposal.advance()
             self._probation.advance()
         orders, self._in_hand.orders = tuple(self._in_hand.orders), []
@@ -193,17 +197,40 @@ class Healing:
         if self._policy is None:
             hand.tell(f"version {version.number} is proposed: {version.reason}; hoopd heal accept {version.number}")
             return
+        self._asked_at = hand.watch.t
         if why := self._objection(self._policy, version):
             hand.keep("proposed", f"not by the policy: {why}")
             hand.tell(f"version {version.number} is left to a person: {why}")
             return
-        self._probation.begin("policy")
+        self._begin_by_policy()
+
+    def _ask_policy_again(self, policy: HealPolicy) -> None:
+        """Its pause, or its day, may be over."""
+        hand = self._in_hand
+        if hand.phase == "proposed" and hand.watch.t - self._asked_at >= ASK_S:
+            self._asked_at = hand.watch.t
+            if not self._objection(policy, hand.version):
+                self._begin_by_policy()
+
+    def _begin_by_policy(self) -> None:
+        """A trial; or a diagnosis of newer seconds, where nobody knows whether the proof still holds."""
+        hand = self._in_hand
+        age_s = hand.clock() - hand.version.evidence.get("proven_at", 0.0)
+        if age_s <= PROOF_S:
+            self._probation.begin(POLICY)
+            return
+        version = hand.version
+        version.reason = f"its proof is {age_s:.0f} s old, a policy tries nothing older than {PROOF_S:.0f} s"
+        hand.let_go("left", version.reason)
+        hand.tell(f"version {version.number}: left, {version.reason}")
 
     def _objection(self, policy: HealPolicy, version: HealVersion) -> str:
-        """Why a policy does not let a version pass; what once acted is nothing new."""
-        told = version.evidence
+        """Why a policy does not let a version pass; what it has let pass once, or was found, is nothing new."""
+        told, folder = version.evidence, self._in_hand.folder
         sizes = (told.get(name, {}) for name in ("effects", "probabilities", "parameters", "values"))
-        why = "" if version.restores is not None else policy.objection(*sizes)
-        every = self._in_hand.folder.every()
+        restored = None if version.restores is None else folder.read(version.restores)
+        is_known = restored is not None and (restored.kind == FOUND or restored.decided_by == POLICY)
+        why = "" if is_known else policy.objection(*sizes)
+        every = folder.every()
         accepted = [one.accepted for one in every if one.accepted is not None and one.kind != FOUND]
         return why or policy.too_often(accepted, self._in_hand.clock())

@@ -108,6 +108,7 @@ class VersionProposal:
         if not result["proven"]:
             hand.end("left", str(result["why"]))
             return False
+        hand.note(proven_at=hand.clock())
         hand.keep("proposed", f"proven: {result['why']}")
         hand.enter("proposed")
         return True

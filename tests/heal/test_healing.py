@@ -527,3 +527,55 @@ def test_a_trial_that_a_fault_or_a_person_ended_is_not_tried_again(reason: str, 
     daemon.run(60.0)
     assert daemon.names == ["trial"] and daemon.state() == "went_back"
     assert daemon.versions.read(1).reason == reason
+
+
+def waiting_for_the_pause(folder: Path, pause_s: float) -> PlayedDaemon:
+    """A second change, found while the policy's pause after the first one goes on."""
+    told = {"schema": "hoopd.policy/1", "effects": ["hoop.*"], "pause_s": pause_s}
+    daemon = PlayedDaemon(folder, policy=HealPolicy(**told))
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state() == "accepted")
+    daemon.run(150.0)
+    daemon.answers["prove"] = {**PROVEN, "key": "heal-2.yaml@def123def123"}
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state(2) == "proposed")
+    assert "the policy's pause is" in daemon.versions.read(2).history[-1][1]
+    return daemon
+
+
+def test_the_policy_is_asked_again_when_its_pause_is_over(tmp_path: Path) -> None:
+    daemon = waiting_for_the_pause(tmp_path / "soon", 400.0)
+    daemon.run(400.0, lambda: daemon.state(2) == "accepted")
+    assert daemon.versions.loop().acting == 2
+    late = waiting_for_the_pause(tmp_path / "late", 1000.0)
+    late.run(900.0)
+    assert "s old, a policy tries nothing older than 600 s" in late.versions.read(2).reason
+    late.run(250.0)
+    assert late.versions.loop().acting == 3  # of the newest seconds
+
+
+def test_a_proof_that_is_old_when_it_goes_on_is_not_tried_by_the_policy(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", policy=None)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state() == "proposed")
+    daemon.policy, daemon.t = POLICY, daemon.t + 7200.0
+    daemon.begin(run="two")
+    assert daemon.state() == "left" and daemon.healing.phase == "watching"
+
+
+@pytest.mark.parametrize(("who", "state"), [("ann", "proposed"), ("policy", "trying")])
+def test_what_a_person_accepted_beyond_the_policy_does_not_come_back_by_it(
+    who: str, state: str, tmp_path: Path
+) -> None:
+    daemon = accepted(tmp_path / "healed")
+    version = daemon.versions.read(1)
+    version.decided_by = who
+    daemon.versions.keep(version, daemon.t)
+    daemon.versions.acts(0)
+    daemon.answers["prove"] = {**PROVEN, "restores": 1}
+    daemon.policy = HealPolicy(schema="hoopd.policy/1", effects=["camera.*"], pause_s=0.0)
+    daemon.begin()
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state(2) == "proposed")
+    daemon.run(10.0)
+    assert daemon.state(2) == state
