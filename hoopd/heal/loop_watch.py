@@ -26,7 +26,8 @@ class LoopWatch:
     """One run of a daemon, as far as the next diagnosis needs it."""
 
     def __init__(self) -> None:
-        self.t = self.acts_since = 0.0
+        self.t = 0.0
+        self.acts_since = 0.0  # since when the law that acts is followed without a pause
         self.running = False
         self.gathered_from: float | None = None
         self._drift_at: float | None = None
@@ -85,10 +86,10 @@ class LoopWatch:
         if not self.running or self.t < self._quiet_until:
             return ""
         if self._drift_at is not None:
-            self.gathered_from = self._drift_at - CERTAIN_S
+            self.gathered_from = max(self.acts_since, self._drift_at - CERTAIN_S)
             return "the model drifts"
         if plan.every_s > 0.0 and self._last_look is not None and self.t - self._last_look >= plan.every_s:
-            self.gathered_from = self.t - plan.window_s
+            self.gathered_from = max(self.acts_since, self.t - plan.window_s)
             return f"{plan.every_s:.0f} s have passed"
         return ""
 
@@ -97,8 +98,9 @@ class LoopWatch:
         return self.gathered_from is not None and self.t - self.gathered_from >= plan.window_s
 
     def law_changed(self) -> None:
-        """Another law acts: what was told of the one before is over."""
+        """Another law acts: what was told of the one before is over, and its minutes are none of this one's."""
         self.gathered_from = self._drift_at = None
+        self.acts_since = self._last_look = self.t
         self._fruitless = 0
 
     def came_to_nothing(self, pause_s: float) -> None:

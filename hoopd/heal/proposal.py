@@ -63,7 +63,7 @@ class VersionProposal:
             hand.tell(f"{why}: gathering {hand.plan.window_s:.0f} s")
         elif hand.phase == "gathering" and watch.gathered(hand.plan):
             self._diagnose()
-        elif hand.phase == "waiting" and watch.running and watch.t >= self._fresh_until():
+        elif hand.phase == "waiting" and watch.running and watch.t >= self._fresh_from() + hand.plan.fresh_s:
             self._prove()
 
     def _diagnose(self) -> None:
@@ -87,15 +87,15 @@ class VersionProposal:
         hand.keep("proving", f"{hand.version.kind}: {hand.version.reason}")
         hand.enter("waiting")
 
-    def _fresh_until(self) -> float:
-        """When enough was recorded that nobody fitted."""
+    def _fresh_from(self) -> float:
+        """Since when it is recorded what nobody fitted, with the law in force."""
         hand = self._in_hand
         begin = hand.version.to_s if hand.version.run == hand.run else hand.since
-        return begin + hand.plan.fresh_s
+        return max(begin, hand.watch.acts_since)
 
     def _prove(self) -> None:
         hand = self._in_hand
-        begin = max(hand.watch.t - hand.plan.window_s, self._fresh_until() - hand.plan.fresh_s)
+        begin = max(hand.watch.t - hand.plan.window_s, self._fresh_from())
         hand.enter("proving")
         hand.compute("prove", begin, hand.watch.t)
 

@@ -579,3 +579,27 @@ def test_what_a_person_accepted_beyond_the_policy_does_not_come_back_by_it(
     daemon.run(200.0, lambda: daemon.state(2) == "proposed")
     daemon.run(10.0)
     assert daemon.state(2) == state
+
+
+def test_minutes_before_the_law_acted_are_neither_diagnosed_nor_a_proof(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", plan=HealPlan(every_s=600.0))
+    daemon.running = False
+    daemon.run(700.0)
+    daemon.running = True
+    daemon.run(60.0, lambda: bool(daemon.works))
+    assert daemon.works[0].from_s >= 700.0 and daemon.works[0].to_s == pytest.approx(740.0, abs=0.1)
+    daemon.run(60.0, lambda: daemon.healing.phase == "waiting")
+    daemon.running = False
+    daemon.run(100.0)
+    daemon.running, begins = True, daemon.t
+    daemon.run(60.0, lambda: len(daemon.works) > 1)
+    assert daemon.works[1].name == "prove" and daemon.works[1].from_s >= begins
+    assert daemon.works[1].to_s - daemon.works[1].from_s >= 20.0 - PERIOD_S
+
+
+def test_minutes_of_the_law_before_are_not_diagnosed_again_when_another_is_accepted(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", plan=HealPlan(every_s=60.0, window_s=100.0))
+    daemon.run(600.0, lambda: daemon.state() == "accepted")
+    since = daemon.t
+    daemon.run(300.0, lambda: daemon.works[-1].name == "diagnose")
+    assert daemon.works[-1].name == "diagnose" and daemon.works[-1].from_s >= since
