@@ -203,6 +203,7 @@ class _FollowedDaemon:
         if supervisor.error is not None:
             raise supervisor.error
         typer.echo(f"no longer following: {healing.why or 'the daemon is gone'}")
+        worker.join()  # what it computes is whole then, and whoever follows next goes on from its files
 
     def _files(self) -> LoopFiles:
         """Of the controller that the daemon has."""
