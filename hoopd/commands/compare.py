@@ -128,6 +128,8 @@ def _in_a_daemon(
         except KeyboardInterrupt:
             comparison.stop("interrupted")
             turns.join(LOOK_S)
+        if turns.error is not None:
+            raise turns.error
     finally:
         connection.close()
     return {"accepted": accepted, **comparison.result(), "hoop_speed_counted": held is not None}

@@ -13,7 +13,7 @@ import msgspec
 
 from hoopd.commands.diagnose_inputs import check_distinct, check_lengths, check_motion, expanded, plants
 from hoopd.commands.diagnosed_model import doubts, found_model, left_out
-from hoopd.commands.diagnosis_memory import DiagnosisMemory, memory_of
+from hoopd.commands.diagnosis_memory import DiagnosisMemory, memory_of, subject_of
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.commands.output_files import check_targets
@@ -25,7 +25,7 @@ from hoopd.diagnose.record_file import to_json_bytes
 from hoopd.diagnose.report.plain_words import summary
 from hoopd.diagnose.run import Outcome, diagnose
 from hoopd.diagnose.search.candidates import Settings
-from hoopd.files.memory import memory_bytes
+from hoopd.files.memory import add_to_memory
 from hoopd.files.model import ModelFile
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
@@ -151,10 +151,8 @@ def searched(
 
 
 def _remembering(outcome: Outcome, memory: DiagnosisMemory) -> Outcome:
-    """The diagnosis with what it owes to its memory, which is written beside the other files."""
-    return replace(
-        outcome, diagnosis=memory.use(outcome.diagnosis), memory=memory_bytes(memory.learned(outcome.diagnosis))
-    )
+    """The diagnosis with what it owes to its memory, and what is to be added to that."""
+    return replace(outcome, diagnosis=memory.use(outcome.diagnosis), memory=memory.learned(outcome.diagnosis))
 
 
 def _parts(train: Sequence[Source], held: Sequence[Source], plant: Plant) -> tuple[list[Source], list[Source], str]:
@@ -204,10 +202,10 @@ def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said:
     if options.json_path is not None:
         told = msgspec.structs.replace(diagnosis, summary=summary(diagnosis))
         files.append((options.json_path, to_json_bytes(told)))
-    if options.memory is not None:
-        files.append((options.memory, outcome.memory))
     for path, data in files:
         replace_file(path, data)
+    if options.memory is not None and outcome.memory is not None:
+        add_to_memory(options.memory, subject_of(base), outcome.memory)
     return diagnosis
 
 

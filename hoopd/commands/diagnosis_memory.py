@@ -26,7 +26,7 @@ from hoopd.diagnose.memory import (
     used_memory,
 )
 from hoopd.diagnose.record import Diagnosis
-from hoopd.files.memory import Memory, check_date, load_memory
+from hoopd.files.memory import Memory, RememberedDiagnosis, check_date, load_memory
 from hoopd.files.model import ModelFile
 from hoopd.files.whole_files import file_bytes
 from hoopd.plants.effects.base import Effect
@@ -75,9 +75,9 @@ class DiagnosisMemory:
         notes = [*diagnosis.notes, *(f"Against what is remembered: {one}" for one in used.contradictions)]
         return msgspec.structs.replace(diagnosis, memory=used, notes=notes)
 
-    def learned(self, diagnosis: Diagnosis) -> Memory:
-        """The memory with this diagnosis in it."""
-        return self.memory.with_diagnosis(remembered(diagnosis, self.recordings, self.date, self.counted))
+    def learned(self, diagnosis: Diagnosis) -> RememberedDiagnosis:
+        """What is to be remembered of this diagnosis."""
+        return remembered(diagnosis, self.recordings, self.date, self.counted)
 
 
 def memory_of(options: DiagnoseOptions, texts: Sequence[str], base: PlantModel) -> DiagnosisMemory | None:

@@ -200,7 +200,10 @@ class _FollowedDaemon:
             raise
         finally:
             self._wanted.put(None)
+        if supervisor.error is not None:
+            raise supervisor.error
         typer.echo(f"no longer following: {healing.why or 'the daemon is gone'}")
+        worker.join()  # what it computes is whole then, and whoever follows next goes on from its files
 
     def _files(self) -> LoopFiles:
         """Of the controller that the daemon has."""
@@ -248,7 +251,7 @@ class _FollowedDaemon:
         if self._interrupted:
             return "interrupted"
         faults = self._device.status.get("faults")
-        healing.see(tuple(faults) if isinstance(faults, list) else ())
+        healing.see(tuple(faults) if isinstance(faults, list) else (), _accepted(self._device))
         self._tell_mode()
         while not self._results.empty():
             healing.done(*self._results.get())

@@ -15,20 +15,23 @@ from typing import Any
 import msgspec
 
 from hoopd.commands.step_commands import StepError, run_step
+from hoopd.design.comparison import LEAST_SHARE
 from hoopd.diagnose.record_file import parse
 from hoopd.files.heal_versions import HealVersion, VersionFolder
+from hoopd.files.memory import add_to_memory, load_memory
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
 from hoopd.heal.change import judged
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
-from hoopd.heal.plan import HealWork
+from hoopd.heal.plan import REMEMBER, HealWork
 from hoopd.plants.hoop.loop.writeback import unused
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
 
 LAW = "lqg"
+MEMORY = "memory.json"  # of a version: what was known, and its diagnosis
 # A law that follows the time since a recording's begin is none of the next one's: a filter cannot have it, and what is
 # fitted beside it would be wrong without it.
 OF_A_RECORDING = ("hoop.friction_drift",)
@@ -61,9 +64,12 @@ class HealWorker:
     def work(self, work: HealWork) -> dict[str, Any]:
         """The result as plain data; `error` in it where nothing came of it."""
         try:
-            return {"diagnose": self._diagnose, "prove": self._prove, "weigh": self._weigh}[work.name](work)
+            steps = {"diagnose": self._diagnose, "prove": self._prove, "weigh": self._weigh, REMEMBER: self._remember}
+            return steps[work.name](work)
         except (StepError, InputError, ValueError, OSError) as error:
             return {"error": str(error)}
+        except Exception as error:  # a mistake of ours ends the version, and not whoever waits for a result
+            return {"error": f"{type(error).__name__}: {error}"}
 
     def _diagnose(self, work: HealWork) -> dict[str, Any]:
         version, place = self.folder.read(work.number), self.folder.of(work.number)
@@ -72,7 +78,7 @@ class HealWorker:
         self._cut(work, evidence)
         if not told.exists():
             words: list[str | Path] = ["diagnose", evidence, "--model", before / "model.yaml", "--seed", str(self.seed)]
-            words += [] if self.memory is None else ["--memory", self.memory, "--date", _day(version.begun)]
+            words += self._memory_words(place, version.begun)
             words += [
                 "--without",
                 ",".join(OF_A_RECORDING),
@@ -86,7 +92,7 @@ class HealWorker:
         found = judged(parse(file_bytes(told), told), version.faults_s, version.to_s - version.from_s)
         result = {
             "kind": found.kind, "reason": found.reason, "learn": found.may_be_learned, "effects": found.effects,
-            "probabilities": found.probabilities, "parameters": found.parameters,
+            "probabilities": found.probabilities, "parameters": found.parameters, "values": found.values,
         }  # fmt: skip
         if not found.may_be_learned:
             return result
@@ -100,6 +106,24 @@ class HealWorker:
             return result | {"learn": False, "reason": f"{found.reason}; {why}"}
         self._design(place)
         return result
+
+    def _memory_words(self, place: Path, begun: float) -> list[str | Path]:
+        """A diagnosis is told what is known, as a copy: what it adds counts once its version has proven itself."""
+        if self.memory is None:
+            return []
+        copy = place / MEMORY
+        copy.unlink(missing_ok=True)
+        if self.memory.exists():
+            replace_file(copy, file_bytes(self.memory))
+        return ["--memory", copy, "--date", _day(begun)]
+
+    def _remember(self, work: HealWork) -> dict[str, Any]:
+        """What the diagnosis of a version says is known of the device from now on."""
+        copy = self.folder.of(work.number) / MEMORY
+        if self.memory is not None and copy.exists():
+            told, _ = load_memory(copy, None)
+            add_to_memory(self.memory, told.of, told.diagnoses[-1])
+        return {}
 
     def _without_corrections(self, place: Path, before: Path, effects: Collection[str]) -> None:
         """The model of a version: what was found, without effects that are no more than a correction beside it."""
@@ -148,15 +172,19 @@ class HealWorker:
         }
 
     def _earlier(self, version: HealVersion) -> list[HealVersion]:
-        """Versions that acted once and do not act now, the newest four."""
-        every = [one for one in self.folder.every() if one.accepted is not None and one.restores is None]
+        """Versions that acted once, were not given up and do not act now, the newest four."""
+        every = [one for one in self.folder.every() if one.state == "accepted" and one.restores is None]
         return [one for one in every if one.number not in (version.number, version.before)][-4:]
 
     def _weigh(self, work: HealWork) -> dict[str, Any]:
         version = self.folder.read(work.number)
         new = self.folder.of(version.acts_as)
         seconds = read_recording(f"{self.recording()}@{work.from_s:.3f}:{work.to_s:.3f}")
-        return {**asdict(loop_costs(seconds, self.folder.of(version.before), new, self.by)), "from_s": work.from_s}
+        costs = loop_costs(seconds, self.folder.of(version.before), new, self.by)
+        if costs.seconds < LEAST_SHARE * (work.to_s - work.from_s):
+            told = f"{costs.seconds:.1f} s of {work.to_s - work.from_s:.1f} s"
+            raise ValueError(f"nothing to be weighed: the recording has {told} in which the law acts")
+        return {**asdict(costs), "from_s": work.from_s}
 
     def _cut(self, work: HealWork, path: Path) -> None:
         """Seconds of the daemon's recording, kept as evidence."""

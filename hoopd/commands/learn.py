@@ -197,6 +197,7 @@ def record_until_settled(
 def _one_run(steps: Steps, runs: Sequence[DiagnosedRun], choice: ChosenRun) -> None:
     number = len(runs) + 1
     files = steps.campaign.run_files(number)
+    steps.set_result_aside()
     steps.record(files, choice, number)
     if lasted_s(files.experiment) < LEAST_S:
         _ask_for_less(steps.campaign, files, choice, number)

@@ -111,6 +111,20 @@ class Steps:
         ]
         self.command(words, self.campaign.folder / "design.log")
 
+    def set_result_aside(self) -> None:
+        """Keep what was designed and compared before a further run, whose result is another, under other names.
+
+        The controller comes last: without its design it is designed anew.
+        """
+        campaign = self.campaign
+        for path in (campaign.comparison, self.figure, campaign.design, campaign.controller):
+            set_aside(path, f"earlier_{path.stem}")
+
+    @property
+    def figure(self) -> Path:
+        """Of the alternating run."""
+        return self.campaign.comparison.with_suffix(".png")
+
     def compare(self, accepted: str) -> dict[str, Any]:
         """Old against new in an alternating run, unless it is there."""
         path = self.campaign.comparison
@@ -126,8 +140,8 @@ class Steps:
                 "--seed",
                 str(self.options.seed),
             ]
-            figure = self.campaign.folder / "comparison.png"
-            self.command([*words, "--figure", figure, "--json", path], self.campaign.folder / "comparison.log", (0, 1))
+            words += ["--figure", self.figure, "--json", path]
+            self.command(words, self.campaign.folder / "comparison.log", (0, 1))
         compared: dict[str, Any] = read_json(path, dict[str, Any])
         return compared
 

@@ -8,14 +8,14 @@ A law whose memory means something else than the acting law's follows for half a
 a filter of its own for two, and only if the innovations fit. Whatever switches off, and whatever ends RUNNING, ends
 a trial or an experiment with the accepted controller and forgets who waits.
 
-Rules of this file: pure; limits never widen: what a file may ask for is at most what the accepted one may; every
-command is told once, obeyed or refused.
+Rules of this file: pure; limits never widen: no law gets more than the run began with, and a signal that would need
+more is refused; every command is told once, obeyed or refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 
 from hoopd.core.controllers import DONE, Successor
@@ -65,7 +65,7 @@ class Succession:
         because: Callable[[], tuple[str, ...]] = tuple,
     ) -> None:
         """`make`: None where nothing can be loaded; `because`: the faults behind the mode, for who is refused."""
-        self.acting = self.accepted = first
+        self.acting = self.accepted = self._first = first
         self.limit_nm = first.torque_nm  # what the drive may be asked for at most, in this run
         self.since = 0.0  # s, run time: the acting one acts since then
         self.purpose = CONTROLLER  # what the acting one was loaded for
@@ -162,8 +162,9 @@ class Succession:
         if not command.text:
             raise ValueError("nothing was loaded with it")
         made = self._make(command.text, self.acting.filter)
-        check_narrower(made, self.accepted)
-        return made
+        if command.name == EXPERIMENT:  # cut short it would be another signal
+            check_limits(made, self._first)
+        return limited(made, self._first)
 
     def _begin(self, purpose: str, made: Installed, mode: Mode, t: float) -> None:
         other = made.filter is not self.acting.filter
@@ -290,9 +291,15 @@ class Succession:
         self._tell("command_refused", "warning", command=command, reason=reason)
 
 
-def check_narrower(made: Installed, accepted: Installed) -> None:
-    """ValueError for a file that may ask for more than the accepted one."""
+def check_limits(made: Installed, first: Installed) -> None:
+    """ValueError for a file that may ask for more than the run began with."""
     for name in ("torque_nm", "slew_nm_per_tick"):
-        wants, may = getattr(made, name), getattr(accepted, name)
+        wants, may = getattr(made, name), getattr(first, name)
         if wants > may:
-            raise ValueError(f"limits.{name} of {wants:g} is more than the {may:g} in force")
+            raise ValueError(f"limits.{name} of {wants:g} is more than the {may:g} that the run began with")
+
+
+def limited(made: Installed, first: Installed) -> Installed:
+    """What was loaded, with no more than the run began with: as the first file was held by the configuration."""
+    torque_nm = min(first.torque_nm, made.torque_nm)
+    return replace(made, torque_nm=torque_nm, slew_nm_per_tick=min(first.slew_nm_per_tick, made.slew_nm_per_tick))

@@ -29,6 +29,8 @@ FLOOR_RAD2 = 0.03**2
 MOST_RAD2 = 0.1**2
 # A supervisor says every few seconds that it watches.
 SILENCE_S = 5.0
+# How the reasons begin that say nothing against the law but of single seconds, or of who watches it.
+DEAR, SILENT = ("cost", "its supervisor was silent")
 
 
 class References:
@@ -104,9 +106,9 @@ class LawTrial:
             return "the estimate was lost"
         self.cost.add(t, cost)
         if t - self._alive > SILENCE_S:
-            return f"its supervisor was silent for {SILENCE_S:g} s"
+            return f"{SILENT} for {SILENCE_S:g} s"
         if self.cost.seconds >= LEAST_WINDOW_S and self.cost.mean > self.bound:
-            return f"cost {self.cost.mean:.3g} rad^2, the accepted law's bound is {self.bound:.3g}"
+            return f"{DEAR} {self.cost.mean:.3g} rad^2, the accepted law's bound is {self.bound:.3g}"
         return ""
 
 

@@ -238,6 +238,8 @@ class Comparisons:
         """Until its end, which is written down."""
         assert shown.supervisor is not None
         shown.supervisor.join()
+        if shown.supervisor.error is not None:
+            raise shown.supervisor.error
         result = shown.comparison
         told = {"device": shown.device.identity, "command": "comparison", "key": result.key}
         self._audit.note(shown.login.user, shown.address, {**told, "value": result.verdict, "reason": result.reason})

@@ -73,6 +73,7 @@ class ComparisonSupervisor:
     ) -> None:
         """`attended`: why the run has to end, because nobody watches it any more; empty while somebody does."""
         self.comparison = comparison
+        self.error: Exception | None = None  # what ended it early: for whoever waits
         self._device, self._send, self._attended = device, send, attended
         self._seen = Seen(row=device.history.count)
         device.news(self._seen, 0)  # what was before is no news
@@ -98,6 +99,14 @@ class ComparisonSupervisor:
             thread.join(timeout_s)
 
     def _look(self) -> None:
+        try:
+            self._follow()
+        except Exception as error:  # whatever is on trial goes back: nobody says any more that it is watched
+            self.error = error
+        finally:
+            self._orders.put(None)
+
+    def _follow(self) -> None:
         end = None
         while end is None or time.monotonic() < end:
             if why := self._wrong():
@@ -113,7 +122,6 @@ class ComparisonSupervisor:
             if self.comparison.over and end is None:
                 end = time.monotonic() + LAST_S
             time.sleep(LOOK_S)
-        self._orders.put(None)
 
     def _ask(self) -> None:
         end = None

@@ -5,11 +5,17 @@ Of a base parameter every entry has a value and a deviation by its own recording
     s_i^2 = sd_i^2 + (f size)^2 T_i,        mean = sum(v_i / s_i^2) / sum(1 / s_i^2),    s^2 = 1 / sum(1 / s_i^2)
 
 is the Gaussian prior of the next fit, each parameter's own: how two of them err together is forgotten, so that what is
-kept is less than what was known. An effect that was confirmed raises the odds of its name, by at most three nats,
+kept is less than what was known. Where n entries scatter by more than they say, the device was not the same in all of
+them, and s grows by as much (Birge's ratio, never below one):
+
+    R^2 = sum((v_i - mean)^2 / s_i^2) / (n - 1)
+
+An effect that was confirmed raises the odds of its name, by at most three nats,
 
     log((a + sum_i p_i exp(-f T_i)) / a),        a = 0.05
 
-that one was not seen says nothing: the recordings may not have reached it.
+with p_i by its own recordings: the odds that it had beforehand are taken out again. That one was not seen says nothing:
+the recordings may not have reached it.
 
 A parameter that these recordings alone put more than three deviations away has changed, or something else acts: its
 memory does not count this time, and it is said.
@@ -105,7 +111,8 @@ def _joined(told: Sequence[tuple[RememberedValue, float]]) -> tuple[float, float
     """Mean and deviation of independent values with what was forgotten of each."""
     weights = [1.0 / hypot(one.sd, grown) ** 2 for one, grown in told]
     mean = sum(weight * one.value for weight, (one, _) in zip(weights, told, strict=True)) / sum(weights)
-    return mean, 1.0 / sqrt(sum(weights))
+    scatter = sum(weight * (one.value - mean) ** 2 for weight, (one, _) in zip(weights, told, strict=True))
+    return mean, sqrt(max(1.0, scatter / max(1, len(told) - 1)) / sum(weights))
 
 
 def sizes_of(plant: Plant) -> dict[str, float]:
@@ -235,8 +242,14 @@ def remembered(
         if one.status == "confirmed" and not one.is_unknown:
             told = {key: (alone_of(value, None), value.unit) for key, value in one.parameters.items() if "@" not in key}
             values = {key: RememberedValue(value=a[0], sd=a[1], unit=unit) for key, (a, unit) in told.items() if a}
-            effects[one.name] = RememberedEffect(probability=one.probability or 0.0, parameters=values)
+            probability = _without_odds(one.probability or 0.0, counted.odds.get(one.name, 0.0))
+            effects[one.name] = RememberedEffect(probability=probability, parameters=values)
     return RememberedDiagnosis(date=date, recordings=sorted(recordings), parameters=parameters, effects=effects)
+
+
+def _without_odds(probability: float, nats: float) -> float:
+    """A name's probability without the odds that it had beforehand."""
+    return probability / (probability + (1.0 - probability) * exp(nats))
 
 
 def _deviation(ends: tuple[float, float]) -> float:

@@ -43,6 +43,7 @@ from hoopd.diagnose.search.naming import Named
 from hoopd.diagnose.search.processes import side_by_side
 from hoopd.diagnose.searched import Searched, searched
 from hoopd.diagnose.weighed import Weighed, weighed
+from hoopd.files.memory import RememberedDiagnosis
 from hoopd.plants.likelihood.fitting import HypothesisFit
 from hoopd.plants.likelihood.step_halving import step_nats, step_sentence
 
@@ -58,7 +59,7 @@ class Outcome:
     unknown: Unknown | None = None
     progress: Progress = lambda text: None
     large: LargeDisturbance | None = None  # where nothing was found, and something acts
-    memory: bytes = b""  # with this diagnosis in it, where there is one
+    memory: RememberedDiagnosis | None = None  # what is to be remembered of it, where there is a memory
 
     @cached_property
     def written(self) -> Written:

@@ -10,6 +10,7 @@ Rules of this file: nothing of what lies in the folder is looked at.
 from __future__ import annotations
 
 import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,21 @@ def alone_in(folder: Path, name: str, taken: str, option: str = "--out") -> Iter
         except BlockingIOError:
             raise InputError(folder, option, taken) from None
         yield
+
+
+@contextmanager
+def held_still(path: Path) -> Iterator[None]:
+    """Nobody else changes a file in this way meanwhile; waits for who does. The lock is its folder's: the file itself
+    is replaced."""
+    try:
+        folder = os.open(Path(os.path.realpath(path)).parent, os.O_RDONLY)
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written: {error.strerror}") from None
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
 
 
 def is_taken(folder: Path, name: str) -> bool:

@@ -3,7 +3,7 @@
     schema: hoopd.policy/1
     effects: [hoop.coulomb_friction, camera.latency]   # names, or "hoop.*"
     parameter_change: 0.3                              # largest share by which a parameter may change; 0: none
-    largest: {hoop.coulomb_friction.Fc: 0.02}          # of an effect's parameter, in its unit
+    largest: {hoop.coulomb_friction.Fc: 0.02, bh: 0.002}   # of a parameter, in its unit, instead of the share
     least_probability: 0.3                             # of the very law; 0: the fresh seconds prove enough
     most_per_day: 4
     pause_s: 10 min
@@ -44,17 +44,21 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         effects: Mapping[str, Mapping[str, float]],
         probabilities: Mapping[str, float],
         changes: Mapping[str, float],
+        values: Mapping[str, float],
     ) -> str:
         """Why what was found may not be learned unasked; empty when it may.
 
-        `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of their values.
+        `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of what they were;
+        `values`: what these are now, in their units.
         """
         for name, parameters in effects.items():
             if why := self._of_effect(name, parameters, probabilities.get(name, 0.0)):
                 return why
         for name, share in changes.items():
-            limit = self.largest.get(name)
-            if limit is None and abs(share) > self.parameter_change:
+            if name in self.largest and name in values:
+                if why := self._of_size(name, values[name]):
+                    return why
+            elif abs(share) > self.parameter_change:
                 return (
                     f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
                 )
@@ -66,10 +70,15 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         if probability < self.least_probability:
             return f"{name} is {probability:.0%} sure, the policy asks for {self.least_probability:.0%}"
         for key, value in parameters.items():
-            limit = self.largest.get(f"{name}.{key}")
-            if limit is not None and abs(value) > limit:
-                return f"{name}.{key} is {value:.3g}, the policy's largest is {limit:.3g}"
+            if why := self._of_size(f"{name}.{key}", value):
+                return why
         return ""
+
+    def _of_size(self, name: str, value: float) -> str:
+        limit = self.largest.get(name)
+        if limit is None or abs(value) <= limit:
+            return ""
+        return f"{name} is {value:.3g}, the policy's largest is {limit:.3g}"
 
     def too_often(self, accepted: Sequence[float], now: float) -> str:
         """Why it is too early, or too much for a day; `accepted`: when versions were accepted, `now`: s, one clock."""
@@ -86,7 +95,7 @@ def load_policy(path: Path) -> HealPolicy:
     """A policy file; InputError in one line for everything that is wrong in it."""
     policy = to_struct(parse_yaml(read_text(path), path), HealPolicy, path)
     for name, value in policy.largest.items():
-        if name.count(".") < 1 or value < 0.0:
+        if value < 0.0:
             raise InputError(
                 path, f"largest.{name}", "expected SLOT.EFFECT.PARAMETER (or a parameter) and a size above 0"
             )

@@ -7,6 +7,7 @@
     0001/diagnosis.json       of `hoopd diagnose`, with report.html and found.yaml
     0001/model.yaml           what was found, without small corrections beside it
     0001/controller.yaml      of `hoopd design`, with design.json
+    0001/memory.json          with `--memory`: what was known, and its diagnosis
     0001/decision.json        what a person decided
 
 A step whose file is there is not repeated, and every file appears whole: whoever is killed goes on where it was.

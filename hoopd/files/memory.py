@@ -18,6 +18,7 @@ from typing import Literal
 
 import msgspec
 
+from hoopd.files.folder_lock import held_still
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
 
@@ -90,6 +91,12 @@ def load_memory(path: Path, of: str | None) -> tuple[Memory, str]:
 def save_memory(path: Path, memory: Memory) -> None:
     """The whole file or none."""
     replace_file(path, memory_bytes(memory))
+
+
+def add_to_memory(path: Path, of: str, one: RememberedDiagnosis) -> None:
+    """One more diagnosis, beside what others have added since the memory was read."""
+    with held_still(path):
+        save_memory(path, load_memory(path, of)[0].with_diagnosis(one))
 
 
 def memory_bytes(memory: Memory) -> bytes:

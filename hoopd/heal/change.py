@@ -2,8 +2,8 @@
 
 A sensor that is broken is never learned. Broken is what a row of the fault table names, a share of false or late
 pictures, a length that seems to have changed, commands that the drive does not hear, and whatever a diagnosis finds at
-a sensor's slot but a delay of up to 60 ms: a filter can be told how late a sample is, and it can not be told the truth
-that a sensor no longer sees.
+a sensor's slot, new or changed, but a delay of up to 60 ms: a filter can be told how late a sample is, and it can not
+be told the truth that a sensor no longer sees.
 
 Rules of this file: a diagnosis and seconds of faults in, one judgement out; pure.
 """
@@ -45,7 +45,7 @@ class ChangeJudgement:
     """What the newest minutes say.
 
     `effects`: parameters of what is new and confirmed, by name; `probabilities`: of these; `parameters`: of the model's
-    parameters outside of whose interval the old value lies, the change as a share of it.
+    parameters outside of whose interval the old value lies, the change as a share of it; `values`: what these are now.
     """
 
     kind: str
@@ -53,6 +53,7 @@ class ChangeJudgement:
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     probabilities: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def may_be_learned(self) -> bool:
@@ -70,16 +71,17 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
     large = [one for one in diagnosis.effects if _is_large(one)]
     sure = [one for one in large if one.status not in DOUBTED and one.in_model is not False]
     changed = _changed(diagnosis.base.parameters)
+    values = _values({name: diagnosis.base.parameters[name] for name in changed})
     if sure:
         names = ", ".join(one.name for one in sure)
         probabilities = {one.name: one.probability or 0.0 for one in sure}
-        return ChangeJudgement(PHYSICS, f"new: {names}", _sizes(sure), probabilities, changed)
+        return ChangeJudgement(PHYSICS, f"new: {names}", _sizes(sure), probabilities, changed, values)
     if large:
         told = ", ".join(f"{one.name} ({one.status})" for one in large)
         return ChangeJudgement(NOTHING, f"not sure enough: {told}")
     if changed:
         told = ", ".join(f"{name} {share:+.0%}" for name, share in changed.items())
-        return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed)
+        return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed, values=values)
     return ChangeJudgement(NOTHING, "the model explains these minutes")
 
 
@@ -92,10 +94,14 @@ def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s:
         if row.action >= Action.PAUSE or seconds > LEAST_SHARE * window_s:
             return f"{name} was active for {seconds:.1f} s: {row.meaning}"
     for one in diagnosis.effects:
-        if one.status != "not_confirmed" and _is_large(one) and (why := _broken(one)):
+        if one.status != "not_confirmed" and _is_large(one) and (why := _broken(one.name, one.slot, one.parameters)):
             return why
-    for name, share in _changed(diagnosis.base.parameters).items():
-        if diagnosis.base.parameters[name].unit == LENGTH and abs(share) > MOST_LENGTH_CHANGE:
+    base = diagnosis.base.parameters
+    for name, share in _changed(base).items():
+        effect, _, parameter = name.rpartition(".")
+        if effect and (why := _broken(effect, effect.partition(".")[0], {parameter: base[name]})):
+            return why
+        if base[name].unit == LENGTH and abs(share) > MOST_LENGTH_CHANGE:
             return f"{name} seems to be {share:+.0%}, and no length changes while it runs: the camera's scale is wrong"
     return ""
 
@@ -106,23 +112,22 @@ def _is_large(one: EffectFinding) -> bool:
     return gain is None or gain >= LEAST_GAIN_PERCENT
 
 
-def _broken(one: EffectFinding) -> str:
-    """Why a finding is of a sensor that nobody may learn."""
-    size = _value(one.parameters.get(DELAYS.get(one.name, "")))
-    if one.name in DELAYS and size is not None:
-        return (
-            f"{one.name} of {1e3 * size:.0f} ms is more than {1e3 * MOST_DELAY_S:.0f} ms" if size > MOST_DELAY_S else ""
-        )
-    if one.name == LOST:
-        return f"{one.name}: the line to the drive has to be mended"
-    return f"{one.name}: a sensor has to be repaired or calibrated" if one.slot in SENSOR_SLOTS else ""
+def _broken(name: str, slot: str, parameters: Mapping[str, Quantity]) -> str:
+    """Why an effect, new or changed, is of a sensor that nobody may learn."""
+    size = _value(parameters.get(DELAYS.get(name, "")))
+    if name in DELAYS and size is not None:
+        return f"{name} of {1e3 * size:.0f} ms is more than {1e3 * MOST_DELAY_S:.0f} ms" if size > MOST_DELAY_S else ""
+    if name == LOST:
+        return f"{name}: the line to the drive has to be mended"
+    return f"{name}: a sensor has to be repaired or calibrated" if slot in SENSOR_SLOTS else ""
 
 
 def _sizes(findings: list[EffectFinding]) -> dict[str, dict[str, float]]:
-    return {
-        one.name: {key: value for key, told in one.parameters.items() if (value := _value(told)) is not None}
-        for one in findings
-    }
+    return {one.name: _values(one.parameters) for one in findings}
+
+
+def _values(parameters: Mapping[str, Quantity]) -> dict[str, float]:
+    return {name: one.value for name, one in parameters.items() if one.value is not None}
 
 
 def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float]:

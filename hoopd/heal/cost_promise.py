@@ -29,7 +29,10 @@ DELAY_S = 0.04
 
 @dataclass(frozen=True)
 class LoopCosts:
-    """Of the same seconds: as measured, and by simulation on the found model with the law of before and the new one."""
+    """Of the same seconds: as measured, and by simulation on the found model with the law of before and the new one.
+
+    `seconds`: of the recording in which the law acted, and of which pictures tell.
+    """
 
     measured: float
     before: float
@@ -45,22 +48,23 @@ def loop_costs(recording: Recording, before: Path, new: Path, by: str) -> LoopCo
     file = load_controller(before / "controller.yaml")
     held = held_speed(file.gains)
     truth = effects_of(load_model(new / "model.yaml"))
+    measured = _measured(recording, held)
     return LoopCosts(
-        _measured(recording, held, by),
+        figure(measured, by),
         _simulated(recording, before, truth, held, by),
         _simulated(recording, new, truth, held, by),
-        float(recording.t[-1] - recording.t[0]),
+        measured.ticks * file.sample_time_s if measured.pictures else 0.0,
     )
 
 
-def _measured(recording: Recording, held: HeldSpeed | None, by: str) -> float:
+def _measured(recording: Recording, held: HeldSpeed | None) -> BlockFigures:
     mode, wanted = recording.extra["mode"], recording.extra["reference"]
     ball = recording.channels["psi"]
     rows = zip(
         recording.t.tolist(), mode.tolist(), recording.column("u").tolist(), recording.column("dtheta").tolist(),
         ball.values.tolist(), ball.t.tolist(), wanted.tolist(), strict=True,
     )  # fmt: skip
-    return figure(summed((TickSample(t, one == Mode.RUNNING, *rest) for t, one, *rest in rows), held), by)
+    return summed((TickSample(t, one == Mode.RUNNING, *rest) for t, one, *rest in rows), held)
 
 
 def _simulated(recording: Recording, version: Path, truth: FoundEffects, held: HeldSpeed | None, by: str) -> float:

@@ -18,17 +18,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.core.succession import ACCEPT, CONTROLLER
 from hoopd.design.comparison import WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
-from hoopd.heal.plan import HealPlan, HealWork
+from hoopd.heal.change import OF_THE_COMPUTER
+from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
 
-DRIFT = "model_drift"
+DRIFT, POLICY = ("model_drift", "policy")
+# A policy is asked again so often, and tries nothing that was proven longer ago: the device may be another by then.
+ASK_S, PROOF_S = 60.0, 600.0
 # A drift that is told right after a change of the law may be of the law before it.
 UNHEARD_IN = ("settling", "rolling")
 PHASE_OF_WORK: Mapping[str, str] = {"diagnose": "diagnosing", "prove": "proving", "weigh": "weighing"}
@@ -49,7 +53,7 @@ class Healing:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self._in_hand = Attempt(folder, plan, clock, tell, run)
         self._proposal, self._probation = VersionProposal(self._in_hand), Probation(self._in_hand)
-        self._policy = policy
+        self._policy, self._asked_at = policy, 0.0
         self._began = self._over = self._settled = False
         self.why = ""
         if not self._probation.take_up() and self._proposal.take_up():
@@ -85,6 +89,8 @@ class Healing:
             self._began = True
             self._in_hand.enter(self.phase)  # what was taken up begins with the first tick
         if not self.over:
+            if self._policy is not None:
+                self._ask_policy_again(self._policy)
             self._proposal.advance()
             self._probation.advance()
         orders, self._in_hand.orders = tuple(self._in_hand.orders), []
@@ -96,7 +102,7 @@ class Healing:
         if event == DRIFT:
             self._drifts()
         elif event == "fault":
-            self._in_hand.watch.fault_begins(str(fields.get("fault")))
+            self._fault_begins(str(fields.get("fault")))
         elif event == "fault_cleared":
             self._in_hand.watch.fault_ends(str(fields.get("fault")))
         elif event == CONTROLLER:
@@ -109,8 +115,12 @@ class Healing:
         elif event == "command_refused":
             self._probation.refused(str(fields.get("command")), str(fields.get("reason", "")))
 
-    def see(self, faults: tuple[str, ...]) -> None:
-        """Active faults, as a status tells them: what began before anybody listened."""
+    def see(self, faults: tuple[str, ...], acting: str = "") -> None:
+        """Active faults and the accepted controller, as a status tells them: what began before anybody listened, and
+        what was not heard. `acting`: NAME.yaml@SHA256, empty while it tells of none."""
+        self._probation.acts(acting)
+        rows = [BY_NAME[name] for name in faults if name in BY_NAME]
+        self._in_hand.watch.faults_are([row.name for row in rows if row.action > Action.NOTE])
         if DRIFT in faults:
             self._drifts()
 
@@ -130,6 +140,8 @@ class Healing:
 
     def done(self, work: HealWork, result: Mapping[str, Any]) -> None:
         """What came of a computation; `error` in it: why nothing did."""
+        if work.name == REMEMBER and "error" in result:
+            self._in_hand.tell(f"version {work.number} is not remembered: {result['error']}")
         if self.over or not self._in_hand.waits_for(work) or self.phase != PHASE_OF_WORK[work.name]:
             return  # of a trial that went back meanwhile, or of a version that nobody has in hand any more
         if error := result.get("error"):
@@ -157,8 +169,16 @@ class Healing:
         """Minutes in which no law acts are none."""
         if self.phase == "gathering":
             self._in_hand.enter("watching")
-        if not self._in_hand.watch.running:
+        if self._in_hand.watch.running:
+            self._probation.law_begins()
+        else:
             self._probation.law_stops()
+
+    def _fault_begins(self, name: str) -> None:
+        self._in_hand.watch.fault_begins(name)
+        row = BY_NAME.get(name)
+        if row is not None and row.action >= Action.PAUSE and name not in OF_THE_COMPUTER:
+            self._probation.law_fails(f"{name}: {row.meaning}")
 
     def _drifts(self) -> None:
         if self.phase not in UNHEARD_IN:
@@ -177,17 +197,40 @@ class Healing:
         if self._policy is None:
             hand.tell(f"version {version.number} is proposed: {version.reason}; hoopd heal accept {version.number}")
             return
+        self._asked_at = hand.watch.t
         if why := self._objection(self._policy, version):
             hand.keep("proposed", f"not by the policy: {why}")
             hand.tell(f"version {version.number} is left to a person: {why}")
             return
-        self._probation.begin("policy")
+        self._begin_by_policy()
+
+    def _ask_policy_again(self, policy: HealPolicy) -> None:
+        """Its pause, or its day, may be over."""
+        hand = self._in_hand
+        if hand.phase == "proposed" and hand.watch.t - self._asked_at >= ASK_S:
+            self._asked_at = hand.watch.t
+            if not self._objection(policy, hand.version):
+                self._begin_by_policy()
+
+    def _begin_by_policy(self) -> None:
+        """A trial; or a diagnosis of newer seconds, where nobody knows whether the proof still holds."""
+        hand = self._in_hand
+        age_s = hand.clock() - hand.version.evidence.get("proven_at", 0.0)
+        if age_s <= PROOF_S:
+            self._probation.begin(POLICY)
+            return
+        version = hand.version
+        version.reason = f"its proof is {age_s:.0f} s old, a policy tries nothing older than {PROOF_S:.0f} s"
+        hand.let_go("left", version.reason)
+        hand.tell(f"version {version.number}: left, {version.reason}")
 
     def _objection(self, policy: HealPolicy, version: HealVersion) -> str:
-        """Why a policy does not let a version pass; what once acted is nothing new."""
-        told = version.evidence
-        sizes = told.get("effects", {}), told.get("probabilities", {}), told.get("parameters", {})
-        why = "" if version.restores is not None else policy.objection(*sizes)
-        every = self._in_hand.folder.every()
+        """Why a policy does not let a version pass; what it has let pass once, or was found, is nothing new."""
+        told, folder = version.evidence, self._in_hand.folder
+        sizes = (told.get(name, {}) for name in ("effects", "probabilities", "parameters", "values"))
+        restored = None if version.restores is None else folder.read(version.restores)
+        is_known = restored is not None and (restored.kind == FOUND or restored.decided_by == POLICY)
+        why = "" if is_known else policy.objection(*sizes)
+        every = folder.every()
         accepted = [one.accepted for one in every if one.accepted is not None and one.kind != FOUND]
         return why or policy.too_often(accepted, self._in_hand.clock())

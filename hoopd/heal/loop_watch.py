@@ -9,12 +9,15 @@ nothing of what becomes of them.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from hoopd.core.drift import BLOCK_S, BLOCKS
 from hoopd.heal.plan import HealPlan
 
 # The median of the blocks is beyond its bound when half of them are: of these all but the first are of the changed loop
 # from their beginning on.
 CERTAIN_S = (BLOCKS // 2 - 1) * BLOCK_S
+STATUS_S = 2.0  # a status comes every second
 # Every pause after something that came to nothing is twice the one before, so often.
 MOST_DOUBLED = 4
 
@@ -23,7 +26,8 @@ class LoopWatch:
     """One run of a daemon, as far as the next diagnosis needs it."""
 
     def __init__(self) -> None:
-        self.t = self.acts_since = 0.0
+        self.t = 0.0
+        self.acts_since = 0.0  # since when the law that acts is followed without a pause
         self.running = False
         self.gathered_from: float | None = None
         self._drift_at: float | None = None
@@ -57,6 +61,17 @@ class LoopWatch:
         if spans and spans[-1][1] is None:
             spans[-1] = (spans[-1][0], self.t)
 
+    def faults_are(self, active: Collection[str]) -> None:
+        """The rows that a status has as active: what began before anybody listened, and what nobody heard the end of.
+
+        A status may be older than the last word about a row, which is believed first.
+        """
+        for name in dict.fromkeys([*self._faults, *active]):
+            begin, end = self._faults[name][-1] if name in self._faults else (-STATUS_S, -STATUS_S)
+            is_open = end is None
+            if is_open != (name in active) and self.t - (begin if end is None else end) >= STATUS_S:
+                (self.fault_ends if is_open else self.fault_begins)(name)
+
     def faults_s(self, from_s: float, to_s: float) -> dict[str, float]:
         """For how long each row was active between two times."""
         found = {}
@@ -71,10 +86,10 @@ class LoopWatch:
         if not self.running or self.t < self._quiet_until:
             return ""
         if self._drift_at is not None:
-            self.gathered_from = self._drift_at - CERTAIN_S
+            self.gathered_from = max(self.acts_since, self._drift_at - CERTAIN_S)
             return "the model drifts"
         if plan.every_s > 0.0 and self._last_look is not None and self.t - self._last_look >= plan.every_s:
-            self.gathered_from = self.t - plan.window_s
+            self.gathered_from = max(self.acts_since, self.t - plan.window_s)
             return f"{plan.every_s:.0f} s have passed"
         return ""
 
@@ -83,8 +98,9 @@ class LoopWatch:
         return self.gathered_from is not None and self.t - self.gathered_from >= plan.window_s
 
     def law_changed(self) -> None:
-        """Another law acts: what was told of the one before is over."""
+        """Another law acts: what was told of the one before is over, and its minutes are none of this one's."""
         self.gathered_from = self._drift_at = None
+        self.acts_since = self._last_look = self.t
         self._fruitless = 0
 
     def came_to_nothing(self, pause_s: float) -> None:

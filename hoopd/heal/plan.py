@@ -13,6 +13,7 @@ from hoopd.design.comparison import BALL
 ALIVE_S = 1.0
 PATIENCE_S = 25.0  # until a candidate has taken over
 BACK_S = 5.0  # until the daemon has told that the law changed
+WEIGH_S = 300.0  # until seconds are weighed, beside whatever else the machine does
 ENTER_S = 3.0  # of a trial or of a new version: the filter settles, the ball comes to where it is wanted
 
 
@@ -29,10 +30,13 @@ class HealPlan:
     by: str = BALL
 
 
+REMEMBER = "remember"  # of what is computed that nobody waits for
+
+
 class HealWork(NamedTuple):
     """What is to be computed of seconds that were recorded."""
 
-    name: str  # diagnose, prove or weigh
+    name: str  # diagnose, prove, weigh or remember
     number: int  # of the version
     from_s: float
     to_s: float

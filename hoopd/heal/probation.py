@@ -16,16 +16,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
+from hoopd.core.trial import DEAR, SILENT
 from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND
 from hoopd.heal.attempt import Attempt
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER, WEIGH_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
-# is weighed by all of its seconds, and tried so often where these keep the promise; once more where they are too few.
+# for one, or because nobody was heard, is weighed by all of its seconds, and tried so often where these keep the
+# promise; once more where they are too few. What a fault or a person ended is over.
 TRIES_KEPT, TRIES_UNWEIGHED = 4, 2
 LEAST_WEIGHED_S = 5.0
+FAULT_S = 1.0  # a fault that is told so soon after the law stopped is what stopped it
 CLEAR = "clear"
 WATCHED = "watched"  # in a version's evidence: the watch over it is over
 
@@ -36,6 +39,7 @@ class Probation:
     def __init__(self, attempt: Attempt) -> None:
         self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
         self._taken_back = ""  # why the daemon took back what is being weighed
+        self._has_failed = False  # a fault took the torque away, and the law has not acted since
 
     def take_up(self) -> bool:
         """Go on with the watch over a version that acts, where the one before was broken off in it."""
@@ -63,16 +67,40 @@ class Probation:
             self._accepted()  # neither refused nor gone back: the word of it was lost
         elif hand.phase == "trying" and hand.passed_s >= ENTER_S + hand.plan.trial_s:
             self._weigh(hand.since + ENTER_S)
-        elif hand.phase == "settling" and hand.passed_s >= hand.plan.round_s:
+        elif hand.phase == "rolling" and hand.passed_s > PATIENCE_S:
+            self._stays(f"the one of before did not take over within {PATIENCE_S:g} s")
+        elif hand.phase == "weighing" and hand.passed_s > WEIGH_S:
+            self.failed_to_weigh(f"it was not weighed within {WEIGH_S:g} s")
+        elif hand.phase == "settling" and self._round_is_full:
             self._weigh(watch.t - hand.plan.round_s + (ENTER_S if self._rounds.count == 0 else 0.0))
         if hand.on_trial and watch.t - self._alive_at >= ALIVE_S:
             self._alive_at = watch.t
             hand.order(ALIVE)
 
+    @property
+    def _round_is_full(self) -> bool:
+        """Whether the law acted for a whole round since the last one, and since it began to act."""
+        hand, watch = self._in_hand, self._in_hand.watch
+        acts_s = watch.t - watch.acts_since - ENTER_S if watch.running else 0.0
+        return min(hand.passed_s, acts_s) >= hand.plan.round_s
+
+    def law_begins(self) -> None:
+        """The law acts again."""
+        self._has_failed = False
+
     def law_stops(self) -> None:
         """The law no longer acts."""
         if self._in_hand.phase == "asked":
             self._in_hand.end("went_back", "the law no longer acts")
+
+    def law_fails(self, why: str) -> None:
+        """A fault took the torque away: under what was accepted a bad round, one until the law acts again."""
+        hand, watch = self._in_hand, self._in_hand.watch
+        acted = watch.running or watch.t - watch.acts_since <= FAULT_S
+        watched = hand.phase in ("settling", "weighing") and not hand.on_trial and not self._taken_back
+        if acted and watched and not self._has_failed:
+            self._has_failed = True
+            self._weighed_round({}, why)
 
     def begin(self, by: str) -> None:
         """Somebody said yes."""
@@ -94,7 +122,7 @@ class Probation:
         hand.order(TRIAL, hand.version.key)
 
     def _weigh(self, from_s: float) -> None:
-        self._in_hand.phase = "weighing"
+        self._in_hand.enter("weighing")
         self._in_hand.compute("weigh", from_s, self._in_hand.watch.t)
 
     # ------------------------------------------------------------------------------------------ what the daemon tells
@@ -126,8 +154,19 @@ class Probation:
         elif hand.phase == "accepting" and command == ACCEPT:
             hand.end("went_back", f"it could not be accepted: {reason}")
         elif hand.phase == "rolling" and command == CONTROLLER:
-            hand.folder.acts(hand.version.acts_as)
-            hand.end("accepted", f"{hand.version.reason}; the daemon did not take the one of before: {reason}")
+            self._stays(f"the daemon did not take the one of before: {reason}")
+
+    def acts(self, key: str) -> None:
+        """The controller that a status has as accepted: where the word of a roll-back was lost."""
+        hand = self._in_hand
+        if hand.phase == "rolling" and hand.passed_s > BACK_S and key == hand.folder.read(hand.version.before).key:
+            hand.end("rolled_back")
+
+    def _stays(self, why: str) -> None:
+        """What was accepted acts on, though it is bad."""
+        hand = self._in_hand
+        hand.folder.acts(hand.version.acts_as)
+        hand.end("accepted", f"{hand.version.reason}; {why}")
 
     def returned(self, reason: str) -> None:
         """The daemon took the trial back."""
@@ -135,8 +174,8 @@ class Probation:
         was_on_trial, hand.on_trial = hand.on_trial, False
         if not (was_on_trial or hand.phase == "asked"):
             return
-        if reason == REVERTED:
-            hand.end("went_back")
+        if not reason.startswith((DEAR, SILENT)):
+            hand.end("went_back", "" if reason == REVERTED else reason)
             return
         hand.note(tries=self._tries + 1)
         hand.keep("proposed", f"the daemon took it back: {reason}")
@@ -188,11 +227,12 @@ class Probation:
         """Keep it, or take it back; after it was accepted two bad rounds in a row are asked."""
         hand = self._in_hand
         bad = verdict(result, hand.version.evidence.get("promise", {}))
-        hand.version.evidence.setdefault("rounds", []).append({**result, "bad": bad})
+        if not hand.on_trial and not self._taken_back:
+            self._weighed_round(result, bad)
+            return
+        self._keep_round(result, bad)
         if self._taken_back:
             self._weighed_back(bad)
-        elif not hand.on_trial:
-            self._weighed_round(bad)
         elif bad:
             self.take_back(bad)
         else:
@@ -220,13 +260,18 @@ class Probation:
         else:
             self._try_again(TRIES_KEPT)
 
-    def _weighed_round(self, bad: str) -> None:
+    def _keep_round(self, result: Mapping[str, Any], bad: str) -> None:
+        self._in_hand.version.evidence.setdefault("rounds", []).append({**result, "bad": bad})
+
+    def _weighed_round(self, result: Mapping[str, Any], bad: str) -> None:
         hand = self._in_hand
+        self._keep_round(result, bad)
         self._rounds.add(bad)
         if self._rounds.is_given_up:
             self._roll_back(bad)
         elif self._rounds.is_settled:
             hand.note(**{WATCHED: True})
+            hand.compute(REMEMBER, hand.version.from_s, hand.version.to_s)
             hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
         else:
             hand.keep("accepted")

@@ -19,7 +19,7 @@ from hoopd.files.heal_versions import OVER
 from hoopd.heal.attempt import Attempt
 
 # Of a diagnosis, and of a proof, what is kept as evidence.
-OF_A_DIAGNOSIS, OF_A_PROOF = ("effects", "probabilities", "parameters"), ("gain", "promise", "earlier")
+OF_A_DIAGNOSIS, OF_A_PROOF = ("effects", "probabilities", "parameters", "values"), ("gain", "promise", "earlier")
 
 
 class VersionProposal:
@@ -40,6 +40,9 @@ class VersionProposal:
         one = open_ones[-1]
         hand.take(one)
         hand.tell(f"going on with version {one.number}: {one.state}")
+        if one.before != (acting := hand.folder.loop().acting):
+            hand.end("left", f"it was found beside version {one.before}, and version {acting} acts")
+            return False
         if one.state == "trying":
             hand.keep("proposed", "its trial was broken off: the daemon went back by itself")
         if one.state == "proposed":
@@ -60,7 +63,7 @@ class VersionProposal:
             hand.tell(f"{why}: gathering {hand.plan.window_s:.0f} s")
         elif hand.phase == "gathering" and watch.gathered(hand.plan):
             self._diagnose()
-        elif hand.phase == "waiting" and watch.running and watch.t >= self._fresh_until():
+        elif hand.phase == "waiting" and watch.running and watch.t >= self._fresh_from() + hand.plan.fresh_s:
             self._prove()
 
     def _diagnose(self) -> None:
@@ -84,15 +87,15 @@ class VersionProposal:
         hand.keep("proving", f"{hand.version.kind}: {hand.version.reason}")
         hand.enter("waiting")
 
-    def _fresh_until(self) -> float:
-        """When enough was recorded that nobody fitted."""
+    def _fresh_from(self) -> float:
+        """Since when it is recorded what nobody fitted, with the law in force."""
         hand = self._in_hand
         begin = hand.version.to_s if hand.version.run == hand.run else hand.since
-        return begin + hand.plan.fresh_s
+        return max(begin, hand.watch.acts_since)
 
     def _prove(self) -> None:
         hand = self._in_hand
-        begin = max(hand.watch.t - hand.plan.window_s, self._fresh_until() - hand.plan.fresh_s)
+        begin = max(hand.watch.t - hand.plan.window_s, self._fresh_from())
         hand.enter("proving")
         hand.compute("prove", begin, hand.watch.t)
 
@@ -105,6 +108,7 @@ class VersionProposal:
         if not result["proven"]:
             hand.end("left", str(result["why"]))
             return False
+        hand.note(proven_at=hand.clock())
         hand.keep("proposed", f"proven: {result['why']}")
         hand.enter("proposed")
         return True

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import queue
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +14,11 @@ from inprocess import call
 
 from hoopd import lab
 from hoopd.commands import heal_watch, operator
+from hoopd.dashboard import turns
 from hoopd.files.folder_lock import alone_in
 from hoopd.files.heal_versions import VersionFolder
+from hoopd.heal import healing, resumption
+from hoopd.heal.plan import HealPlan
 
 
 def kept(folder: Path) -> VersionFolder:
@@ -142,6 +147,30 @@ def test_a_daemon_in_fault_is_told_once_with_its_rows(capsys: pytest.CaptureFixt
         "hoop@here is in FAULT (encoder.frozen): nothing is learned until it controls again",
         "hoop@here is READY",
     ]
+
+
+def test_what_is_computed_has_ended_before_another_run_of_the_daemon_is_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two that compute one version would write the same files."""
+    ended: list[str] = []
+    wanted: queue.Queue[object] = queue.Queue()
+
+    def computes(_: object) -> None:
+        wanted.get()
+        time.sleep(0.2)
+        ended.append("diagnosis")
+
+    monkeypatch.setattr(turns, "ComparisonSupervisor", lambda *_: SimpleNamespace(start=int, alive=False, error=None))
+    monkeypatch.setattr(healing, "Healing", lambda *_: SimpleNamespace(why="the daemon was started again"))
+    monkeypatch.setattr(resumption, "note_what_acts", lambda *_: None)
+    device = SimpleNamespace(identity="hoop@here", run="one", status={})
+    followed: Any = SimpleNamespace(
+        _folder=kept(tmp_path / "healed"), _device=device, _files=None, _wanted=wanted, _worker=lambda plan: None,
+        _work=computes, _send=None, _attend=None,
+    )  # fmt: skip
+    heal_watch._FollowedDaemon.follow(followed, HealPlan(), None)
+    assert ended == ["diagnosis"]
 
 
 def test_python_has_the_versions_and_decides_by_the_same_rules(tmp_path: Path) -> None:

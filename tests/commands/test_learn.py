@@ -138,6 +138,20 @@ def test_the_budget_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert not result["settled"] and not result["kept"] and "budget of 45 s" in result["ended_because"]
 
 
+def test_with_more_budget_it_designs_and_compares_anew_and_keeps_what_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, folder = played(monkeypatch, said(0.5), said(0.5), said(0.92), verdict="worse"), tmp_path / "campaign"
+    assert not command.run(options(tmp_path, budget="45s"))["kept"]
+    steps.words, steps.verdict = [], "better"
+    result = command.run(options(tmp_path))
+    assert steps.commands == ["experiment", "diagnose", "design", "compare"] and result["kept"]
+    assert json.loads((folder / "earlier_comparison_1.json").read_bytes())["verdict"] == "worse"
+    assert (folder / "earlier_design_1.json").exists()
+    steps.words = []
+    assert command.run(options(tmp_path))["kept"] and steps.commands == []
+
+
 def test_what_was_broken_off_goes_on_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = played(monkeypatch, said(0.6), said(0.92))
     steps.fails = "design"

@@ -294,3 +294,14 @@ def test_the_ends_of_every_limit_are_words_of_the_command() -> None:
     for kind, limits in SIGNALS.items():
         words = words_of_signal(SignalOrder("hoop", kind, {one.name: one.high for one in limits if one.name != "low"}))
         assert all(word.startswith("--") and "=" in word for word in words) and len(words) >= len(limits) - 1
+
+
+def test_what_cannot_go_on_ends_with_its_reason_for_whoever_waits() -> None:
+    full = InputError("version.json", "", "cannot be written: no space left on device")
+
+    def attended() -> str:
+        raise full
+
+    with MadeUp(attended) as made:
+        assert wait_until(lambda: not made.watch.alive, 5.0)
+        assert made.watch.error is full

@@ -30,9 +30,24 @@ def prior(*diagnoses: RememberedDiagnosis, date: str = "", rate: float = 0.02) -
 
 
 def test_two_diagnoses_are_joined_by_their_weights() -> None:
-    found = prior(told("a", 7.0e-4, 1e-5), told("b", 7.3e-4, 2e-5))
+    found = prior(told("a", 7.0e-4, 1e-5), told("b", 7.2e-4, 2e-5))
     mean, sd = found.values["bh"]  # type: ignore[attr-defined]
-    assert mean == pytest.approx((7.0e-4 * 4 + 7.3e-4) / 5) and sd == pytest.approx(1e-5 / sqrt(1.25))
+    assert mean == pytest.approx((7.0e-4 * 4 + 7.2e-4) / 5) and sd == pytest.approx(1e-5 / sqrt(1.25))
+
+
+def test_what_scatters_by_more_than_it_says_is_less_sure() -> None:
+    """Of a device that changed: neither value is excluded by the other."""
+    entries = [told(str(k), value) for k, value in enumerate((7e-4, 7e-4, 1.4e-3, 1.4e-3))]
+    mean, sd = prior(*entries).values["bh"]  # type: ignore[attr-defined]
+    assert mean == pytest.approx(1.05e-3) and sd == pytest.approx(3.5e-4 / sqrt(3.0))
+
+
+def test_the_odds_of_a_name_are_not_counted_again_in_what_is_remembered_of_it() -> None:
+    known = prior(told("a", effects={FRICTION: RememberedEffect(probability=0.9)}))
+    nats = known.odds[FRICTION]  # type: ignore[attr-defined]
+    surer = 0.6 * exp(nats) / (0.6 * exp(nats) + 0.4)  # of 60 % by the recordings alone
+    kept = remembered(said(surer), ["b"], "", known).effects[FRICTION].probability  # type: ignore[arg-type]
+    assert kept == pytest.approx(0.6)
 
 
 def test_what_is_old_is_less_sure_and_what_is_new_counts_more() -> None:

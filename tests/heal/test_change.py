@@ -103,3 +103,30 @@ def test_a_correction_beside_the_change_is_no_change() -> None:
     # beside a changed parameter it is none, either
     base = parameters(Ih=(2.0e-3, 1e-5, 1.5e-3))
     assert judged(said(effects=[late], base=base, verdict="missing_physics"), {}, 40.0).kind == PARAMETERS
+
+
+def test_a_changed_parameter_is_told_with_its_new_size() -> None:
+    base = Base(
+        model="hoop",
+        parameters={"hoop.coulomb_friction.Fc": Quantity(value=0.5, unit="N m", ci95=(0.499, 0.501), nominal=0.01)},
+    )
+    judgement = judged(said(base=base, verdict="parameters"), {}, 40.0)
+    assert judgement.values == {"hoop.coulomb_friction.Fc": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "before", "now", "kind"),
+    [
+        ("camera.latency.d", "s", 0.02, 0.3, SENSOR),
+        ("camera.latency.d", "s", 0.02, 0.05, PARAMETERS),
+        ("encoder.harmonic.a", "rad", 0.02, 0.3, SENSOR),
+        ("actuator.lost_commands.share", "", 0.01, 0.1, SENSOR),
+        ("hoop.coulomb_friction.Fc", "N m", 0.01, 0.02, PARAMETERS),
+    ],
+)
+def test_a_sensor_that_breaks_is_not_learned_where_the_model_has_its_effect(
+    name: str, unit: str, before: float, now: float, kind: str
+) -> None:
+    changed = Quantity(value=now, unit=unit, ci95=(0.99 * now, 1.01 * now), nominal=before)
+    base = Base(model="hoop", parameters={name: changed})
+    assert judged(said(base=base, verdict="parameters"), {}, 40.0).kind == kind

@@ -125,6 +125,21 @@ def test_a_controller_that_was_loaded_disarmed_is_the_one_that_was_started_with(
     assert any(tick.u for tick in loaded.ticks)
 
 
+def test_a_law_comes_back_after_a_narrower_one_within_the_limits_of_the_start(tmp_path: Path, folder: Folder) -> None:
+    """A file that asks for more than the configuration lets it is held by that, as at the start."""
+    narrow = folder.changed("narrow.yaml", limits__torque_nm=0.02)
+    told_by_hand = [(1.5, "controller", narrow), (2.5, "controller", folder.copied("lqg.yaml"))]
+    rows: list[dict[str, Any]] = [{"at_s": at_s, "name": name, "key": key} for at_s, name, key in told_by_hand]
+    rows += [{"at_s": at_s, "name": "reference", "value": value} for at_s, value in ((2.0, 0.2), (3.0, -0.2))]
+    config = {"control": {"folder": str(folder.path)}, "limits": {"torque_nm": 0.05}}
+    done = run(tmp_path / "run", config=config, commands=rows, duration_s=4.0)
+    assert [fields["file"] for _, fields in told(done, "controller")] == ["narrow.yaml", "lqg.yaml"]
+    assert max(abs(tick.u) for tick in done.ticks if 1.52 <= tick.t < 2.5) == 0.02
+    assert max(abs(tick.u) for tick in done.ticks if tick.t > 2.6) == 0.05
+    assert done.torque.max_abs() == pytest.approx(0.05)
+    assert replay(done.recordings[0])["equal"]
+
+
 def configured(folder: Folder) -> tuple[ControllerLoader, Config]:
     config = load(None, sim=True, overrides=[f"control.folder={folder.path}"])
     return ControllerLoader(config, None), config

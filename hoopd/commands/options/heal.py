@@ -33,7 +33,7 @@ class HealOptions:
     )
     memory: Path | None = option(
         "--memory",
-        text="watch: what is known of this device (hoopd.memory/1): the prior of each diagnosis, which is added.",
+        text="watch: what is known of this device (hoopd.memory/1): each diagnosis's prior; what is kept is added.",
         metavar="FILE",
         python=False,
     )
