@@ -58,8 +58,10 @@ def run(options: DesignOptions) -> dict[str, Any]:
         return design_for(options.identified, options)
     if options.model is None:
         raise InputError("Missing option '--model'", "", "a model file, or --plant for another plant than the hoop")
-    if options.at:
-        raise InputError("--at", "", "is of other plants: a law of the hoop is for rest at the bottom")
+    if options.at or options.steer:
+        raise InputError(
+            "--at" if options.at else "--steer", "", "is of other plants: a law of the hoop is for rest at the bottom"
+        )
     law, out, figure, disturbance_rad = options.law, options.out, options.figure, options.disturbance_rad
     spec = spec_from(options)
     check_results(out, figure)

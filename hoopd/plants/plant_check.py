@@ -127,7 +127,7 @@ def _stored(plant: Plant) -> Check:
 
 
 def _never_gained(plant: Plant) -> Check:
-    """E' = dE/dx x' with the inputs at 0 is no gain."""
+    """E' = dE/dx x' with the inputs at 0 is no gain; not to be told of what its surroundings drive."""
     x, u, p = (ca.SX.sym(name, size) for name, size in _sizes(plant).items())
     assert plant.energy is not None
     slope = ca.densify(ca.gradient(plant.energy(_point(plant, x, u, p)), x))
@@ -135,6 +135,9 @@ def _never_gained(plant: Plant) -> Check:
     # what gives hides behind a loss that is as large as itself: each kind of state beside much less of the other
     first = np.isin(plant.states, plant.first_order)
     shares = [np.where(first, one, other) for one, other in ((1.0, 1.0), (FEW, 1.0), (1.0, FEW))]
+    still = state_rate(plant)(np.zeros(x.shape[0]), np.zeros(u.shape[0]), _values(plant)).full()
+    if still.any():
+        return Check("energy", None, "what surrounds the plant drives it, with its states and inputs at 0")
     for here in (share * point for point in _points(plant) for share in shares):
         each = parts(here, np.zeros(len(plant.inputs)), _values(plant)).full()
         if not each.sum() <= ROUNDING * np.abs(each).sum():

@@ -13,7 +13,7 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
-from hoopd.files.dimensions import Unit, parse_unit
+from hoopd.files.dimensions import CELSIUS, Unit, parse_unit
 from hoopd.files.expression_parser import parse_expression
 from hoopd.files.expressions import CONSTANTS, FUNCTIONS, MAX_NAME_CHARS, NAME, names_in
 from hoopd.files.plant import (
@@ -132,6 +132,7 @@ class _Maker:
         self._parameters = {name: self._parameter(name, one) for name, one in file.parameters.items()}
         self._check_names()
         self._check_numbers()
+        self._check_temperatures()
         self._equations = Equations(
             path,
             {name: one.unit for name, one in self._coordinates.items()},
@@ -141,6 +142,15 @@ class _Maker:
             file.equations,
             self._scales(),
         )
+
+    def _check_temperatures(self) -> None:
+        """InputError where temperatures count from two zeros: equations would add them."""
+        groups = {"states": self._states, "inputs": self._inputs, "parameters": self._parameters}
+        told = [(f"{key}.{name}", one.unit.strip()) for key, group in groups.items() for name, one in group.items()]
+        celsius, kelvin = ([key for key, unit in told if unit in units] for units in (CELSIUS, ("K",)))
+        if celsius and kelvin:
+            reason = f"is in K and {celsius[0]} in degC, 273.15 apart: give all temperatures in one of them"
+            raise InputError(self._path, kelvin[0], reason)
 
     def plant(self) -> Plant:
         """All of it."""

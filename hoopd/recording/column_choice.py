@@ -211,7 +211,7 @@ def _pick(name: str, column: str, unit: str, available: Mapping[str, str], layou
 def _strange_unit(column: str) -> str:
     """What stands as a unit in square brackets behind a name and is none that is known."""
     match = _WITH_UNIT.fullmatch(column.strip())
-    return "" if match is None or match[2] is None else match[2].strip()
+    return "" if match is None or match[2] is None or match[2].strip().isdigit() else match[2].strip()
 
 
 def _scale(unit: str, wanted: str, path: object, key: str) -> float:
@@ -224,7 +224,7 @@ def _scale(unit: str, wanted: str, path: object, key: str) -> float:
         raise InputError(path, key, str(error)) from None
     if not have.same_kind(want):
         raise InputError(path, key, f"wrong unit {unit!r}: the plant's is {wanted or 'a plain number'}")
-    if have.same(want) and (unit in CELSIUS) != (wanted in CELSIUS):
+    if (unit in CELSIUS) != (wanted in CELSIUS):
         reason = f"{unit} and {wanted} count from elsewhere, 273.15 apart: have both the same unit, or say :{wanted}"
         raise InputError(path, key, f"{reason} where the numbers are such already")
     return 1.0 if have.same(want) else have.factor / want.factor

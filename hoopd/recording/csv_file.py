@@ -27,11 +27,13 @@ from numpy.typing import NDArray
 from hoopd.files.reading import InputError, os_reason
 from hoopd.files.whole_files import opened
 from hoopd.recording.by_name import built
-from hoopd.recording.column_choice import TICK, SignalLayout, by_name, choose, split_unit
+from hoopd.recording.column_choice import TICK, TIME, Pick, SignalLayout, by_name, choose, split_unit
 from hoopd.recording.recording import Recording
 from hoopd.recording.tables import MAX_ROWS, NAME_THEM, NAMES, SKIP, Columns, column_names, recording_of, refuse_double
 from hoopd.recording.tick_columns import FILE_ORDER
 
+# Behind numbers a sign begins a remark; behind names it does after a blank, but for the unit in a bracket.
+_REMARK, _REMARK_OF_NAMES = re.compile("[%#]"), re.compile(r"\s[%#](?![^\[(]*[\])])")
 MAX_FILE_BYTES = 2**32
 MAX_LINE_CHARS = 2**14  # nine numbers of 25 digits are 250
 BLOCK_ROWS = 2**14  # rows that wait as text
@@ -112,11 +114,25 @@ def _by_name(
     named = [name for name in header if name]
     refuse_double(named, path, place)
     picks = choose({name: split_unit(name)[1] for name in named}, columns, layout, path)
+    rows, dated = _begun(rows, header, picks[TIME].column)
+    if dated:  # a date says its own unit
+        picks[TIME] = Pick(picks[TIME].column)
     wanted = {pick.column for pick in picks.values()}
     names = [name if name in wanted else SKIP for name in header]
-    line, data = _table(rows, names, path)
+    line, data = _table(rows, names, path, picks[TIME].column if dated else None)
     arrays = {name: data[:, k] for k, name in enumerate(names) if name != SKIP}
     return built(picks, arrays, layout, hold, path, lambda index: f"line {line[index]}")
+
+
+def _begun(
+    rows: Iterator[tuple[int, list[str]]], header: list[str], time: str | None
+) -> tuple[Iterator[tuple[int, list[str]]], bool]:
+    """All rows, and whether the time of the first one is a date."""
+    first = next(rows, None)
+    if first is None:
+        return rows, False
+    dated = time in header and len(first[1]) == len(header) and _is_instant(first[1][header.index(time)])
+    return chain([first], rows), dated
 
 
 def _is_of_numbers(header: list[str]) -> bool:
@@ -127,11 +143,11 @@ def _is_of_numbers(header: list[str]) -> bool:
 
 
 def _table(
-    rows: Iterator[tuple[int, list[str]]], names: list[str], path: Path
+    rows: Iterator[tuple[int, list[str]]], names: list[str], path: Path, dates: str | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Line numbers, and numbers (rows, columns) of the columns that are not skipped."""
+    """Line numbers, and numbers (rows, columns) of the columns that are not skipped; `dates`: the one of dates."""
     blocks, lines = [], []
-    for found, block in _blocks(rows, names, path):
+    for found, block in _blocks(rows, names, path, dates):
         lines.append(found)
         blocks.append(block)
         if len(blocks) * BLOCK_ROWS > MAX_ROWS:
@@ -198,10 +214,8 @@ def _blank_rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
     for number, line in enumerate(_lines(file, path), start=1):
         text = line.strip()
         if text and text[0] not in "%#":
-            cells = _cells(text)
-            if _is_of_numbers(cells[:1]) and (remark := re.search(r"\s[%#]", text)):
-                cells = _cells(text[: remark.start()].rstrip())
-            yield number, cells
+            remark = (_REMARK if _is_of_numbers(_cells(text)[:1]) else _REMARK_OF_NAMES).search(text)
+            yield number, _cells(text[: remark.start()].rstrip(" \t,;") if remark else text)
 
 
 def _cells(text: str) -> list[str]:
@@ -209,14 +223,14 @@ def _cells(text: str) -> list[str]:
     if "\t" in text or ";" in text:
         return [_pointed(cell) for cell in text.split("\t" if "\t" in text else ";")]
     parts = text.split()
-    if "," not in text or (len(parts) > 1 and _is_of_numbers([_pointed(part) for part in parts])):
+    if len(parts) > 1 and all(_DECIMAL_COMMA.fullmatch(part) for part in parts if "," in part):
         return [_pointed(part) for part in parts]
     return [cell.strip() for cell in (re.split(r"[\s,]+", text) if _is_of_numbers(parts[:1]) else text.split(","))]
 
 
 def _has_semicolons(line: str) -> bool:
     """Whether a file's first line has cells between semicolons: more of them than commas, or numbers between them."""
-    numbers = ";" in line and _is_of_numbers([_pointed(cell) for cell in line.split(";")])
+    numbers = ";" in line and _is_of_numbers([_pointed(cell.strip().strip('"')) for cell in line.split(";")])
     return numbers or line.count(";") > line.count(",")
 
 
@@ -228,7 +242,7 @@ def _pointed(cell: str) -> str:
 
 
 def _blocks(
-    rows: Iterable[tuple[int, list[str]]], names: list[str], path: Path
+    rows: Iterable[tuple[int, list[str]]], names: list[str], path: Path, dates: str | None
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
     """Line numbers and numbers (rows, columns) of the file, some thousand rows at a time."""
     block: list[tuple[int, list[str]]] = []
@@ -237,20 +251,20 @@ def _blocks(
             raise InputError(path, f"line {number}", f"has {len(cells)} cells, the header has {len(names)}")
         block.append((number, cells))
         if len(block) == BLOCK_ROWS:
-            yield _numbers(block, names, path)
+            yield _numbers(block, names, path, dates)
             block = []
     if block:
-        yield _numbers(block, names, path)
+        yield _numbers(block, names, path, dates)
 
 
 def _numbers(
-    block: list[tuple[int, list[str]]], names: list[str], path: Path
+    block: list[tuple[int, list[str]]], names: list[str], path: Path, dates: str | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     data = np.empty((len(block), len(names)))
     for k, name in enumerate(names):
         if name == SKIP:
             continue
-        read = _instant if _is_instant(block[0][1][k]) else _number
+        read = _instant if name == dates else _number
         try:
             data[:, k] = [read(cells[k]) for _, cells in block]
         except ValueError:

@@ -23,6 +23,8 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused() -> None:
     """The first value would be forgotten: an input that drives the plant."""
     twice = CliRunner().invoke(app, ["identify", "a.csv", "--input", "u", "--output", "y", "--inputs", "d"])
     assert isinstance(twice.exception, InputError) and "--inputs: is given 2 times" in str(twice.exception)
+    asked = ["identify", "a.csv", "--input", "u", "--inputs", "d", "--help"]
+    assert CliRunner().invoke(app, asked).exit_code == 0  # a page of help is shown first
     several = ["fit", "no.csv", "--holdout", "a.csv", "--holdout", "b.csv", "--json", "x.json"]
     assert "times" not in CliRunner().invoke(app, several).output
 

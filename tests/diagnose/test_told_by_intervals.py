@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
 from hoopd.commands import diagnose
 from hoopd.commands.options.diagnose import DiagnoseOptions
+from hoopd.diagnose.search import told_by_intervals
+from hoopd.diagnose.search.candidates import Settings
+from hoopd.diagnose.search.screen import Score
 
 CHAMBER = """
 schema: hoopd.plant/1
@@ -55,3 +61,22 @@ def test_the_one_demand_below_a_dead_zone_tells_it_from_a_constant_input(tmp_pat
     low, high = one.parameters["d"].ci95 or (0.0, 0.0)
     assert low < DEAD < high and high - low < 0.01
     assert [one.segments_ignored for one in found.data_quality.recordings.values()] == [[]]
+
+
+def test_what_was_screened_on_other_intervals_is_fitted_from_the_base(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first screen is about a fit of the stretches that counted then; some of what was set aside may be back."""
+    monkeypatch.setattr(told_by_intervals, "neighbours", lambda *_: [])
+    member: Any = SimpleNamespace(effect=SimpleNamespace(name="store.leak"))
+    before: Any = object()
+    score = Score(member, 50.0, {}, np.zeros(1), before)
+    one: Any = SimpleNamespace(effect=SimpleNamespace(name="thermometer.scale"), score=score)
+    named: Any = SimpleNamespace(accepted=[one], scores=[score], base=None)
+    asked: list[Score] = []
+
+    def tried(_: Any, score: Score) -> Any:
+        asked.append(score)
+        return SimpleNamespace(fit=SimpleNamespace(criterion=0.0))
+
+    judge: Any = SimpleNamespace(settings=Settings(), tried=tried)
+    told_by_intervals._others(named, judge, one)
+    assert [score.origin for score in asked] == [None]

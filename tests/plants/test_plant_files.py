@@ -222,6 +222,19 @@ def test_an_energy_in_a_body_and_a_current_never_grows(energy: str, equation: st
     assert answers(plant(text))["energy"].good is good
 
 
+def test_an_energy_beside_surroundings_is_not_judged() -> None:
+    text = """
+schema: hoopd.plant/1
+name: block
+states: {T: {unit: K, usual: 300}}
+inputs: {q: {unit: W, limit: 10}}
+parameters: {C: 100 J/K, U: 2 W/K, T0: 295 K}
+equations: {T: "C*T' = q - U*(T - T0)"}
+energy: C*T
+"""
+    assert answers(plant(text))["energy"].good is None
+
+
 def test_an_inertia_that_no_body_has_is_seen() -> None:
     assert answers(plant(CART))["inertia"].good
     scaled = CART.replace(
@@ -265,6 +278,7 @@ def test_derivatives_that_are_not_finite_are_seen() -> None:
         ("offset: 0 N", "offset: 1e999 N", "parameters.offset", "finite"),
         ("offset: 0 N", "F: 0 N", "parameters.F", "is taken"),
         ("offset: 0 N", "dx: 0 N", "parameters.dx", "is taken"),
+        ("offset: 0 N", "offset: 0 N\n  Ti: 3 degC\n  To: 4 K", "parameters.To", "is in K and parameters.Ti in degC"),
         ("offset: 0 N", "offset: {value: [0], unit: N}", "parameters.offset.value", "Expected `float`, got `array`"),
         ("hoopd.plant/1", "hoopd.plant/2", "schema", "write schema: hoopd.plant/1"),
         ("schema: hoopd.plant/1\n", "", "", "missing required field `schema`; write schema: hoopd.plant/1"),

@@ -33,6 +33,9 @@ def loaded(folder: Path, name: str, text: str, columns: str | None = None, layou
         ("a.dat", "0,0 1,0 2,0\n0,5 -1,5e-3 2,5\n", BY_PLACE),
         ("a.dat", "# by hand\nt F x\n0 1 2 % the first\n%\n0.5 -1.5e-3 2.5 # the last\n", None),
         ("a.dat", "t, F, x\n0, 1, 2\n0.5, -1.5e-3, 2.5\n", None),
+        ("a.dat", "t y F x # names\n0,0 nan 1,0 2,0\n0,5 nan -1,5e-3 2,5% the last\n", None),
+        ("a.dat", "t,F,x\n0,1,2,# the first\n0.5,-1.5e-3,2.5\n", None),
+        ("a.csv", '"0,0";"1,0";"2,0"\n"0,5";"-1,5e-3";"2,5"\n', BY_PLACE),
     ],
 )
 def test_cells_and_commas(tmp_path: Path, name: str, text: str, columns: str | None) -> None:
@@ -46,6 +49,9 @@ def test_dates_with_times_of_day_are_times(tmp_path: Path, zone: str) -> None:
     rows = [f"2026-03-01T08:59:{second}{zone},1,2" for second in ("30", "59.5")] + [f"2026-03-01 09:00:29{zone},1,2"]
     found = loaded(tmp_path, "a.csv", "\n".join(["timestamp,F,x", *rows]))
     assert (found.t - found.t[0]).tolist() == [0.0, 29.5, 59.0]
+    assert loaded(tmp_path, "a.csv", "\n".join(["timestamp [ms],F,x", *rows])).t[2] - found.t[0] == 59.0
+    with pytest.raises(InputError, match="column F: expected a number, found '2026-03-01'"):
+        loaded(tmp_path, "a.csv", "timestamp,F,x\n0,2026-03-01,2\n1,2026-03-02,2\n")
     with pytest.raises(InputError, match="line 3, column timestamp: expected a date, found '2026-13-01'"):
         loaded(tmp_path, "a.csv", "timestamp,F,x\n2026-03-01T08:59:30,1,2\n2026-13-01,1,2\n")
 
@@ -67,12 +73,15 @@ def test_a_unit_that_nobody_knows_is_not_taken_for_the_plants(tmp_path: Path) ->
     with pytest.raises(InputError, match=r"column F \[grunt\]: nobody here knows the unit 'grunt': say it, F=F .*:N"):
         loaded(tmp_path, "a.csv", text, "F=F [grunt],x=x,t=t")
     assert loaded(tmp_path, "a.csv", text, "F=F [grunt]:kN,x=x,t=t").F[0] == 1e3
+    assert loaded(tmp_path, "a.csv", "t,F,x[2]\n0,1,2\n1,1,2\n", "F=F,x=x[2]").x[0] == 2.0
 
 
 def test_degrees_celsius_are_not_kelvins(tmp_path: Path) -> None:
     text = "t,q,T [°C]\n0,1,20\n1,1,21\n"
     with pytest.raises(InputError, match=r"°C and K count from elsewhere, 273\.15 apart"):
         loaded(tmp_path, "a.csv", text, layout=HEATER)
+    with pytest.raises(InputError, match=r"mK and degC count from elsewhere"):
+        loaded(tmp_path, "a.csv", text.replace("°C", "mK"), layout=SignalLayout({"q": "W"}, {"T": "degC"}))
     for same in (SignalLayout({"q": "W"}, {"T": "degC"}), HEATER):
         asked = "q=q,T=T:K" if same is HEATER else None
         assert loaded(tmp_path, "a.csv", text, asked, same).T.tolist() == [20.0, 21.0]

@@ -28,11 +28,15 @@ class HelpCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As click does, which takes the last value of an option and forgets the others without a word."""
-        given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
+        asked = list(args)
+        rest = super().parse_args(ctx, args)  # ends where a page of help is asked for
+        if ctx.resilient_parsing:
+            return rest
+        given = Counter(self.make_parser(ctx).parse_args(args=asked)[2])
         for parameter, count in given.items():
             if count > 1 and not (parameter.multiple or getattr(parameter, "is_flag", True)):
                 raise InputError(parameter.opts[0], "", f"is given {count} times, and has one value")
-        return super().parse_args(ctx, args)
+        return rest
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print it; typer's own lets the longest name of an option decide how narrow all texts become."""

@@ -41,7 +41,8 @@ def _others(named: Named, judge: Judge, one: Tried) -> list[Tried]:
         least = one.score.gain - judge.settings.threshold
         known = {one.effect.name, *(other.effect.name for other in found)}
         alike = [score for score in named.scores if score.gain >= least and score.member.effect.name not in known]
-        found += [judge.tried(named.base, score) for score in alike[:MOST_ALIKE]]
+        # their screen may have been of other intervals
+        found += [judge.tried(named.base, replace(score, origin=None)) for score in alike[:MOST_ALIKE]]
     return sorted(found, key=lambda other: other.fit.criterion)
 
 
