@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hoopd.commands import design_effects, plant_design_record, plant_linear
-from hoopd.commands.design_options import spec_from
+from hoopd.commands.design_options import KINDS, spec_from
 from hoopd.commands.identified_design import design_for
 from hoopd.commands.inputs import read_recording
 from hoopd.commands.options.design import DesignOptions
@@ -43,7 +43,6 @@ from hoopd.plants.model_file import effects_of, load_model, plant_of
 from hoopd.plots import style
 from hoopd.plots.loops import draw_design
 
-KINDS = (*LAWS, "arx", "identified")
 HEAD = "Made by `hoopd design {law}` from {model}."
 # Below these a loop is fragile (Astrom and Murray, Feedback Systems, 10.3: 30 to 60 degrees, Ms 1.2 to 2).
 LEAST_PHASE_DEG, LARGEST_MS, LEAST_GAIN_UP = 30.0, 2.0, 2.0

@@ -13,10 +13,12 @@ from typing import Any
 
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.design import DesignOptions
-from hoopd.design.laws import Spec, SpecError
+from hoopd.design.laws import LAWS, Spec, SpecError
 from hoopd.design.weights import Weights
 from hoopd.files.reading import InputError
 
+# Every law of the hoop.
+KINDS = (*LAWS, "arx", "identified")
 WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 

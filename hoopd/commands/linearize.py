@@ -21,6 +21,7 @@ from hoopd.design.analysis import STATES, channel, linear_model
 from hoopd.design.delay import held
 from hoopd.design.effects_near import Near, effects_near
 from hoopd.files.model import ModelFile
+from hoopd.files.plant import LONGEST_SAMPLE_S
 from hoopd.files.reading import InputError
 from hoopd.files.shipped import or_shipped
 from hoopd.plants.hoop.loop.operating_points import NoEquilibriumError, OperatingPoint, operating_point
@@ -29,8 +30,6 @@ from hoopd.plants.model_file import effects_of, load_model, plant_of
 USUAL_OUTPUTS = ("psi",)
 # Beyond this a chain of delays is no delay of a controller but a mistake in the command.
 MOST_DELAY_SAMPLES = 100
-# As a plant file may have it.
-LONGEST_STEP_S = 3600.0
 # Sixteen turns: a larger angle is given in degrees, or damaged.
 MOST_TURNS_RAD = 100.0
 # Growth within a sample beyond which double precision says nothing about what happens between two of them.
@@ -105,8 +104,8 @@ def _check(options: LinearizeOptions) -> None:
 
 def _check_sampling(options: LinearizeOptions) -> None:
     step = options.sample_time_s
-    if step is not None and not 1e-5 <= step <= LONGEST_STEP_S:
-        raise InputError("--sample-time", "", f"must be between 1e-05 and {LONGEST_STEP_S:g} s, not {step:g}")
+    if step is not None and not 1e-5 <= step <= LONGEST_SAMPLE_S:
+        raise InputError("--sample-time", "", f"must be between 1e-05 and {LONGEST_SAMPLE_S:g} s, not {step:g}")
     if not 0 <= options.delay_samples <= MOST_DELAY_SAMPLES:
         raise InputError("--delay", "", f"must be 0 to {MOST_DELAY_SAMPLES} samples, not {options.delay_samples}")
     if options.delay_samples and options.sample_time_s is None:

@@ -60,7 +60,7 @@ def record_of(
     usual ones of states and inputs, in which is told what is steered and seen."""
     seen = visibility.in_usual_sizes(system, sizes or {})
     first, *others = [channel(system, name) for name in system.output_labels]
-    notes, driven = [*notes, *visibility.in_words(seen)], bool(system.B.any())
+    notes, driven, own_units = [*notes, *visibility.in_words(seen)], bool(system.B.any()), sizes is not None
     effects = {"effects": head.pop("effects")} if "effects" in head else {}
     result = {
         **head,
@@ -68,16 +68,14 @@ def record_of(
         "delay_samples": sampling[1],
         "state_space": _matrices(system if matrices is None else matrices),
         "poles": _complex(system.poles()),
-        **(_channel(first, notes, own_units=sizes is not None) if driven else {"output": first.output_labels[0]}),
+        **(_channel(first, notes, own_units=own_units) if driven else {"output": first.output_labels[0]}),
         "controllability": _rank(visibility.controllability(seen)),
         "observability": {"measured": list(system.output_labels), **_rank(visibility.observability(seen))},
         "detectability": _detectability(visibility.detectability(seen)),
     }
     result |= effects
     if others and driven:
-        result["further_outputs"] = {
-            one.output_labels[0]: _channel(one, notes, own_units=sizes is not None) for one in others
-        }
+        result["further_outputs"] = {one.output_labels[0]: _channel(one, notes, own_units=own_units) for one in others}
     return {**result, "notes": list(dict.fromkeys(notes))}
 
 

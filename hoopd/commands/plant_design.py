@@ -14,17 +14,17 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.commands.design_options import poles_from
+from hoopd.commands.design_options import KINDS, poles_from
 from hoopd.commands.inputs import read_values
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.design import DesignOptions
 from hoopd.commands.plant_linear import LinearizedPlant, linearized
 from hoopd.design.controller_text import plain
-from hoopd.design.laws import LAWS as HOOPS_LAWS
 from hoopd.design.linear_law import LinearLaw, placed, quadratic, sampled, with_filter
 from hoopd.design.margins import Margins, margins
 from hoopd.design.plant_loop import RELEASE_SHARE, PlantLoopRun, closed_loop, ticks_of
 from hoopd.design.poles import Pole, closed_loop_poles, unstable
+from hoopd.files.plant import LONGEST_SAMPLE_S
 from hoopd.files.plant_controller import PlantControllerFile, PlantGains
 from hoopd.files.reading import InputError
 from hoopd.files.records import between
@@ -66,7 +66,7 @@ def designed(model: PlantModel, options: DesignOptions) -> PlantDesign:
             raise InputError("--at", one.name, f"{value:g} is beyond its limit, {one.limit:g} {one.unit}")
     linear = _steered(linear, options.steer)
     step_s = plant.time_scale_s if options.sample_time_s is None else options.sample_time_s
-    between("--sample-time", "", step_s, 0.0, 3600.0)
+    between("--sample-time", "", step_s, 0.0, LONGEST_SAMPLE_S)
     sizes = _sizes(linear, options)
     try:
         law = _law(linear, options, step_s, sizes)
@@ -104,7 +104,7 @@ def _steered(linear: LinearizedPlant, names: Sequence[str]) -> LinearizedPlant:
 
 def _refuse_hoops_own(options: DesignOptions) -> None:
     if options.law not in LAWS:
-        what = "is a law of the hoop" if options.law in (*HOOPS_LAWS, "arx", "identified") else "is no law"
+        what = "is a law of the hoop" if options.law in KINDS else "is no law"
         raise InputError("LAW", "", f"{options.law} {what}; of other plants: {', '.join(LAWS)}")
     for one in fields(DesignOptions):
         if one.name not in ASKED and getattr(options, one.name) != one.default:

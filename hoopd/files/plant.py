@@ -17,6 +17,9 @@ from hoopd.files.records import Strict
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
 
+# No plant of a laboratory is sampled more rarely, s.
+LONGEST_SAMPLE_S = 3600.0
+
 Bound = Annotated[float, ANY_NUMBER]
 
 

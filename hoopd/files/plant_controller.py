@@ -13,6 +13,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from hoopd.files.plant import LONGEST_SAMPLE_S
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict, between
 from hoopd.files.yaml_text import text_of
@@ -57,7 +58,7 @@ def load_plant_controller(path: Path) -> PlantControllerFile:
 def parse_plant_controller(text: str, path: object) -> PlantControllerFile:
     """The same from its file's text; `path` is what a message calls it."""
     file = to_struct(parse_yaml(text, path), PlantControllerFile, path)
-    between(path, "sample_time_s", file.sample_time_s, 0.0, 3600.0)
+    between(path, "sample_time_s", file.sample_time_s, 0.0, LONGEST_SAMPLE_S)
     n, m, p = len(file.states), len(file.inputs), len(file.channels)
     shapes = {"feedback": (m, n), "filter": (n, p), "a": (n, n), "b": (n, m), "c": (p, n)}
     for key, shape in shapes.items():

@@ -17,6 +17,7 @@ from hoopd.files.dimensions import CELSIUS, Unit, parse_unit
 from hoopd.files.expression_parser import parse_expression
 from hoopd.files.expressions import CONSTANTS, FUNCTIONS, MAX_NAME_CHARS, NAME, names_in
 from hoopd.files.plant import (
+    LONGEST_SAMPLE_S,
     ChannelEntry,
     CoordinateEntry,
     InputEntry,
@@ -234,7 +235,7 @@ class _Maker:
                 for field in ("usual", "usual_rate"):
                     if getattr(one, field, None) is not None:
                         between(path, f"{key}.{name}.{field}", getattr(one, field), 0.0, 1e12)
-        between(path, "sample_time_s", self._file.sample_time_s, SHORTEST_SAMPLE_S, 3600.0)
+        between(path, "sample_time_s", self._file.sample_time_s, SHORTEST_SAMPLE_S, LONGEST_SAMPLE_S)
 
     # ------------------------------------------------------------------------------------------ parts
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from hoopd.files.model import EffectEntry, ModelFile, Parameter, PlantModelFile, model_text
+from hoopd.files.plant import LONGEST_SAMPLE_S
 from hoopd.files.reading import InputError, read_text, to_struct
 from hoopd.files.records import between
 from hoopd.files.shipped import way_to
@@ -226,7 +227,7 @@ def _check(path: Path, file: PlantModelFile, plant: Plant) -> None:
         low, high = plant.bounds.get(name, (-float("inf"), float("inf")))
         if not low <= entry.value <= high:
             raise InputError(path, f"parameters.{name}.value", f"{entry.value:g} is outside of {low:g} to {high:g}")
-    between(path, "sample_time_s", file.sample_time_s, 0.0, 3600.0)
+    between(path, "sample_time_s", file.sample_time_s, 0.0, LONGEST_SAMPLE_S)
     effects, seen = known_effects(plant, [one.name for one in file.effects]), set[str]()
     for index, one in enumerate(file.effects):
         key = f"effects[{index}]"

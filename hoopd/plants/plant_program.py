@@ -14,14 +14,12 @@ from typing import Any
 
 import casadi as ca
 
+from hoopd.files.plant import LONGEST_SAMPLE_S
 from hoopd.files.reading import InputError
 from hoopd.files.records import between
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.user_program import executed, wrong_program
-
-# A program is sampled no less often than a plant file's plant.
-LONGEST_SAMPLE_S = 3600.0
 
 
 def program_plant(path: Path) -> Plant:

@@ -27,8 +27,10 @@ NAMED = 3  # places that a sentence names
 def plant_doubts(recording: Recording, plant: Plant) -> list[str]:
     """One sentence each; a plant that has its own doubts says them in place of the usual ones."""
     own = plant.judges.doubts
-    usual = [*doubts(recording), *_beyond(recording, plant), *_alone(recording, plant)] if own is None else []
-    return [*(own(recording) if own is not None else usual), *_in_other_units(recording, plant)]
+    told = (
+        [*doubts(recording), *_beyond(recording, plant), *_alone(recording, plant)] if own is None else own(recording)
+    )
+    return [*told, *_in_other_units(recording, plant)]
 
 
 def _beyond(recording: Recording, plant: Plant) -> Iterator[str]:

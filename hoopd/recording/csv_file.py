@@ -214,8 +214,10 @@ def _blank_rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
     for number, line in enumerate(_lines(file, path), start=1):
         text = line.strip()
         if text and text[0] not in "%#":
-            remark = (_REMARK if _is_of_numbers(_cells(text)[:1]) else _REMARK_OF_NAMES).search(text)
-            yield number, _cells(text[: remark.start()].rstrip(" \t,;") if remark else text)
+            cells = _cells(text)
+            if remark := (_REMARK if _is_of_numbers(cells[:1]) else _REMARK_OF_NAMES).search(text):
+                cells = _cells(text[: remark.start()].rstrip(" \t,;"))
+            yield number, cells
 
 
 def _cells(text: str) -> list[str]:
