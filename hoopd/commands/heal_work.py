@@ -36,6 +36,7 @@ MEMORY = "memory.json"  # of a version: what was known, and its diagnosis
 # fitted beside it would be wrong without it.
 OF_A_RECORDING = ("hoop.friction_drift",)
 DIGITS = 8
+LONGEST_S = 1800.0  # of a step: what takes longer is no answer to minutes that are over
 UNUSABLE = 2  # of a diagnosis that writes everything but a model of which there are doubts
 
 # NAME.yaml@SHA256 of a controller that is laid into the daemon's folder under a name.
@@ -86,7 +87,7 @@ class HealWorker:
                 "--grammar" if self.grammar else "--library-only",
             ]
             words += ["--jobs", str(self.jobs), "--report", place / "report.html", "--write", model]
-            code = run_step([*words, "--json", told], place / "diagnosis.log", (0, UNUSABLE), prefix=self.prefix)
+            code = _step([*words, "--json", told], place / "diagnosis.log", (0, UNUSABLE), self.prefix)
             if code == UNUSABLE and not told.exists():
                 raise StepError(_last_line(place / "diagnosis.log"))
         found = judged(parse(file_bytes(told), told), version.faults_s, version.to_s - version.from_s)
@@ -138,7 +139,7 @@ class HealWorker:
         controller, told = place / "controller.yaml", place / "design.json"
         if not told.exists():
             words: list[str | Path] = ["design", LAW, "--model", place / "model.yaml", "--out", controller]
-            run_step([*words, "--json", told], place / "design.log", prefix=self.short)
+            _step([*words, "--json", told], place / "design.log", prefix=self.short)
 
     def _prove(self, work: HealWork) -> dict[str, Any]:
         """On seconds that were not fitted: the new model's filter, and those of earlier versions."""
@@ -191,7 +192,11 @@ class HealWorker:
         if path.exists():
             return
         span = ("--from", f"{work.from_s:.3f}", "--to", f"{work.to_s:.3f}")
-        run_step(["convert", self.recording(), path, *span], path.with_suffix(".log"), prefix=self.short)
+        _step(["convert", self.recording(), path, *span], path.with_suffix(".log"), prefix=self.short)
+
+
+def _step(words: Sequence[str | Path], log: Path, accepted: Sequence[int] = (0,), prefix: Sequence[str] = ()) -> int:
+    return run_step(words, log, accepted, prefix=prefix, limit_s=LONGEST_S)
 
 
 def _of_no_use(model: Path, found: Collection[str]) -> str:
