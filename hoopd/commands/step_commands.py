@@ -10,7 +10,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-
 LAST_S = 5.0  # of a command that is told to end
 
 
