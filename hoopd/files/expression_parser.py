@@ -152,7 +152,7 @@ class _Parser:
 
     def _call(self, token: _Token, level: int) -> Node:
         if token.text not in FUNCTIONS or token.primes:
-            reason = f"unknown function {token.text!r}; known: {', '.join(FUNCTIONS)}"
+            reason = f"unknown function {token.text!r}; known: {', '.join(FUNCTIONS)}; a product is {token.text}*(...)"
             raise ExpressionError(self._text, *token.at, reason)
         arguments: list[Node] = []
         inner = self._deeper(level, token)
@@ -189,7 +189,10 @@ class _Parser:
 
     def _unexpected(self, token: _Token, otherwise: str = "") -> ExpressionError:
         met = "the end of the text" if token.kind == "end" else repr(self._text[token.at.begin : token.at.end])
-        return ExpressionError(self._text, *token.at, otherwise or f"{met} is not expected here")
+        reason = otherwise or f"{met} is not expected here"
+        if token.kind in ("number", "name", "("):
+            reason = f"{met} is not expected here: a product is written with a sign, a*b"
+        return ExpressionError(self._text, *token.at, reason)
 
 
 def _tokens(text: str) -> Iterator[_Token]:

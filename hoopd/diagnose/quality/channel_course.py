@@ -4,7 +4,8 @@
 
 D^3 is the third divided difference: a course whose acceleration changes by chance. What the recorded torque does at
 once, p(u), is taken out first: the inputs, held over a step and delayed by 0 to 3 of them, integrated as often as on
-their way to what is read (speeds once, angles twice), with coefficients from this recording alone.
+their way to what is read (speeds once, angles twice), with coefficients from this recording alone. A reading of no body (a
+current, a level) may follow an input within a few samples: there it is each of the last ANSWERS rows of an input, too.
 Rules of this file: no plant, only the recording; banded systems, no loop over samples; a sample that is missing has
 weight 0 and still gets a prediction.
 """
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 
 # A torque that acts up to three ticks late: delay and lag of a drive at 50 Hz.
 LAGS = 4
+# Rows in which a reading of no body follows a step of an input: what is slower a course follows by itself.
+ANSWERS, ROWS_PER_ANSWER = 30, 25
 # sigma^2 / q^2: from motion that outruns its samples to a course of about a dozen of them.
 RATIOS = np.geomspace(0.03, 120.0, 7)
 # Columns of the inverse this far apart do not see each other (at the largest ratio: 1e-3).
@@ -94,6 +97,11 @@ def lagged(u: Array, lags: int = LAGS) -> Array:
     """The torque now and 1 ... lags - 1 rows before (n, lags), nothing where it is missing."""
     known = np.concatenate([np.zeros(lags - 1), np.nan_to_num(u)])
     return np.stack([known[lags - 1 - k : len(known) - k] for k in range(lags)], axis=1)
+
+
+def answers(u: Array) -> Array:
+    """An input (n,) as far back as a fast reading remembers it (n, k): no more rows than the recording can tell."""
+    return lagged(u, max(LAGS, min(ANSWERS, len(u) // ROWS_PER_ANSWER)))
 
 
 class Explained(NamedTuple):
@@ -169,4 +177,4 @@ def _without(
     return Course(own - e0, before - e1, np.maximum(v0, 0.0), np.maximum(v1, 0.0))
 
 
-__all__ = ["Course", "Differences", "Explained", "explained", "lagged", "leave_one_out", "pushes"]
+__all__ = ["Course", "Differences", "Explained", "answers", "explained", "lagged", "leave_one_out", "pushes"]

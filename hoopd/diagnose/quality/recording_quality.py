@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.channel_course import lagged
+from hoopd.diagnose.quality.channel_course import answers, lagged
 from hoopd.diagnose.quality.jumps import Jump, are_usual, jumps_of, without_jumps
 from hoopd.diagnose.quality.late_frames import slow_stretches
 from hoopd.diagnose.quality.noise_floor import quantum
@@ -146,7 +146,8 @@ def _judged(
     recording: Recording, plant: Plant, sensors: Mapping[str, Sensor], ignored: Mask
 ) -> dict[str, JudgedSamples]:
     """Every sensor by itself; only what drives comes from the inputs, and from what a camera sees turning."""
-    drives = np.hstack([np.zeros((len(recording), 0)), *(lagged(recording.column(one.name)) for one in plant.inputs)])
+    none, columns = np.zeros((len(recording), 0)), [recording.column(one.name) for one in plant.inputs]
+    drives, at_once = np.hstack([none, *map(lagged, columns)]), np.hstack([none, *map(answers, columns)])
     again = np.zeros(len(recording), dtype=bool)
     if plant.judges.repeated is not None:
         again[plant.judges.repeated(recording)] = True
@@ -161,7 +162,9 @@ def _judged(
         if course is not None and sensor.turns:  # the weight of what turns pulls at the rest, too
             drives = np.column_stack([drives, weight_of(course)])
     return {
-        name: seen[name] if name in seen else counted_channel(recording, sensor, drives, ignored, again)
+        name: seen[name]
+        if name in seen
+        else counted_channel(recording, sensor, drives, none if sensor.coordinate else at_once, ignored, again)
         for name, sensor in sensors.items()
     }
 

@@ -138,8 +138,13 @@ def _least(recording: Recording, name: str) -> float:
     return LEAST * (float(np.ptp(known)) if len(known) else 0.0)
 
 
-def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored: Mask, again: Mask) -> JudgedSamples:
-    """A sensor that counts, or reads at once: noise, repeated rows (`again`), single false values."""
+def counted_channel(
+    recording: Recording, sensor: Sensor, drives: Array, at_once: Array, ignored: Mask, again: Mask
+) -> JudgedSamples:
+    """A sensor that counts, or reads at once: noise, repeated rows (`again`), single false values.
+
+    drives: (n, k) what is integrated on its way to what is read; at_once: (n, m) what is not.
+    """
     name = sensor.name
     values, usable = recording.column(name), _new(recording, name)
     missing, none = ~np.isfinite(values), np.zeros(len(values), dtype=bool)
@@ -149,7 +154,8 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
     whole = JudgedSamples(name, float("nan"), step, usable, missing, stuck, none, none, ignored)
     if usable.sum() < FEWEST or _constant(values[usable]):
         return whole
-    t, integrals = _times(recording, name), sensor.integrals
+    t = _times(recording, name)
+    paths = np.column_stack([pushes(t, drives, sensor.integrals), at_once])
     floor = step / sqrt(12.0) if np.isfinite(step) else _least(recording, name)
     if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
@@ -157,9 +163,7 @@ def counted_channel(recording: Recording, sensor: Sensor, drives: Array, ignored
     # no course is needed to know a sample that jumps farther than any of this recording's motion does
     false = jumping(usable, values, usable, floor, together=False)
     try:
-        found = split(
-            t, np.where(usable, values, np.nan), lambda _: pushes(t, drives, integrals), late=False, floor=floor
-        )
+        found = split(t, np.where(usable, values, np.nan), lambda _: paths, late=False, floor=floor)
         path, jitter_s, even_sigma = found.path, found.jitter_s, found.sigma
         false |= jumping(found.false > SURE, values, usable, found.sigma)
     except NotFollowedError:
