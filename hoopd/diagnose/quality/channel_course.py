@@ -4,8 +4,8 @@
 
 D^3 is the third divided difference: a course whose acceleration changes by chance. What the recorded torque does at
 once, p(u), is taken out first: the inputs, held over a step and delayed by 0 to 3 of them, integrated as often as on
-their way to what is read (speeds once, angles twice), with coefficients from this recording alone. A reading of no body (a
-current, a level) may follow an input within a few samples: there it is each of the last ANSWERS rows of an input, too.
+their way to what is read (speeds once, angles twice), with coefficients from this recording alone. A reading of no
+body (a current, a level) may follow an input within a few samples: there each of its last ANSWERS rows counts, too.
 Rules of this file: no plant, only the recording; banded systems, no loop over samples; a sample that is missing has
 weight 0 and still gets a prediction.
 """
