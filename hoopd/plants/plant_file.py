@@ -36,10 +36,11 @@ from hoopd.plants.plant_program import program_plant
 
 # Far more than a rig of a laboratory has; graphs of such a size are made in a second.
 MOST = {"coordinates": 8, "states": 20, "inputs": 8, "parameters": 100, "channels": 40, "slots": 40}
-# What a point of the plant calls its own.
+# What a point of the plant calls its own; of these the first input may have its own.
+FIRST_INPUT = "u"
 RESERVED: Mapping[str, str] = {
     **dict.fromkeys(FUNCTIONS, "a function of equations"), **dict.fromkeys(CONSTANTS, "a constant of equations"),
-    "t": "the time", "u": "what laws call the first input of any plant (say F, V or u1)",
+    "t": "the time", FIRST_INPUT: "what laws call the first input of any plant (say F, V or u1)",
     "p": "what laws call all parameters together (say p_in or pressure)",
     "replaced": "a word of the program",
 }  # fmt: skip
@@ -192,12 +193,13 @@ class _Maker:
     def _check_names(self) -> None:
         owners: dict[str, str] = dict.fromkeys((f"d{q}" for q in self._coordinates), "the rate of a coordinate")
         for section in ("coordinates", "states", "inputs", "parameters"):
+            first = FIRST_INPUT if section == "inputs" and next(iter(self._file.inputs), "") == FIRST_INPUT else ""
             for name in getattr(self._file, section):
                 key = f"{section}.{name}"
                 if not NAME.fullmatch(name) or len(name) > MAX_NAME_CHARS:
                     reason = f"a name begins with a letter and has at most {MAX_NAME_CHARS} letters, digits and _"
                     raise InputError(self._path, key, reason)
-                if name in RESERVED:
+                if name in RESERVED and name != first:
                     raise InputError(self._path, key, f"{name} is {RESERVED[name]}: it needs another name")
                 if name in owners:
                     raise InputError(self._path, key, f"{name} is taken: {owners[name]}")

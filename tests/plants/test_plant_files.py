@@ -259,6 +259,31 @@ def test_derivatives_that_are_not_finite_are_seen() -> None:
     assert answers(made)["derivatives"].good is False
 
 
+def test_the_first_input_may_be_called_as_laws_call_it() -> None:
+    told, called = plant(MOTOR), plant(MOTOR.replace("V: {unit: V", "u: {unit: V").replace("= V - R", "= u - R"))
+    assert called.inputs[0].name == "u"
+    np.testing.assert_array_equal(rate(called, [0.3, 2.0, 1.0], [5.0]), rate(told, [0.3, 2.0, 1.0], [5.0]))
+    assert all(one.good for one in checks(called))
+    dead = library(called)["actuator.deadzone"]
+    assert dead.torque is not None
+    given = [dead.torque(made.point([0.3, 2.0, 1.0], {}, 5.0), {"d": 1.0}) for made in (called, told)]
+    assert [float(one) for one in given] == [4.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("V: {unit: V, limit: 24}}", "V: {unit: V, limit: 24}, u: N m}", "inputs.u"),
+        ("R: 1 ohm", "u: 1 ohm", "parameters.u"),
+        ("states: {i: A}", "states: {u: A}", "states.u"),
+    ],
+)
+def test_nothing_else_may(old: str, new: str, key: str) -> None:
+    with pytest.raises(InputError, match="first input of any plant") as error:
+        plant(MOTOR.replace(old, new))
+    assert error.value.key == key
+
+
 # ---------------------------------------------------------------------------------------------- what is refused
 
 
