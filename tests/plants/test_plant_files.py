@@ -266,7 +266,10 @@ def test_the_first_input_may_be_called_as_laws_call_it() -> None:
     assert all(one.good for one in checks(called))
     dead = library(called)["actuator.deadzone"]
     assert dead.torque is not None
-    given = [dead.torque(made.point([0.3, 2.0, 1.0], {}, 5.0), {"d": 1.0}) for made in (called, told)]
+    given = [
+        dead.torque(made.point([0.3, 2.0, 1.0], {}, 5.0), dead.values({"actuator.deadzone.d": 1.0}))
+        for made in (called, told)
+    ]
     assert [float(one) for one in given] == [4.0, 4.0]
 
 
