@@ -72,7 +72,7 @@ class Succession:
         self._tell, self._make, self._because = tell, make, because
         self._waiting: _Waiting | None = None
         self._trial: LawTrial | None = None
-        self._began = False  # what was loaded in READY has acted
+        self._began = False  # what was loaded has acted
         self._reverted = False  # somebody asked for the accepted one
         self._baseline = RunningCost(BASELINE_S)
         self._references = References()
@@ -176,7 +176,7 @@ class Succession:
         if purpose == TRIAL and self._baseline.seconds < LEAST_BASELINE_S:
             raise ValueError(f"the accepted law has to act for {LEAST_BASELINE_S:g} s first")
         if mode is not Mode.RUNNING:
-            self._put(made, purpose, t)
+            self._put(made, purpose, t, acts=False)
             return
         knows = isinstance(made.law, Successor) and made.law.take_over(self.acting.law)
         shadow = Shadow(t, made.filter.levels) if other else None
@@ -258,14 +258,14 @@ class Succession:
             reason = f"the model does not fit: {misfit}" if misfit else asked.failed or NO_NUMBER
             self._refuse(waiting.purpose, reason)
             return False
-        self._put(waiting.next, waiting.purpose, t)
+        self._put(waiting.next, waiting.purpose, t, acts=True)
         return True
 
     # ------------------------------------------------------------------------------------------ changes
 
-    def _put(self, made: Installed, purpose: str, t: float) -> None:
-        """A loaded controller acts from now on."""
-        self.acting, self.purpose, self.since, self._began = made, purpose, t, False
+    def _put(self, made: Installed, purpose: str, t: float, *, acts: bool) -> None:
+        """A loaded controller is in force from now on; `acts`: its torque is that of this very tick."""
+        self.acting, self.purpose, self.since, self._began = made, purpose, t, acts
         if purpose == CONTROLLER:
             self.accepted = made
             self._baseline.clear()

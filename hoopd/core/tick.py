@@ -92,6 +92,7 @@ class Tick:
         self._added = 0.0  # N m, what feed-forward added to the torque that was sent last
         self._unfed = False  # feed-forward failed in this run, and that has been said
         self._faults: tuple[str, ...] = ()
+        self._unreset = ""  # why a law could not be reset in the last tick without torque
         self._seq = -1
         self._stopping_since = 0.0
         self._notes: list[Note] = []
@@ -119,6 +120,8 @@ class Tick:
         estimate = self._estimate(self.succession.acting.filter, inputs)
         self.health.suspend(self.succession.suspended(self.mode))
         self.health.update(inputs, estimate, self._sent)
+        if self._unreset:  # until it can be reset nobody arms it
+            self.health.raise_now("not_finite")
         asked = self.operator.take(inputs.commands, self.mode, inputs.t)
         self._unfed = self._unfed and Event.ARM not in asked
         self._move(asked | self._own_events(inputs, estimate))
@@ -236,9 +239,13 @@ class Tick:
             if self.succession.follower is not None:
                 self.succession.follower.law.reset()
         except Exception as error:
-            if "not_finite" not in self._faults:  # it is reset in every tick without torque, the fact is one
-                self.health.raise_now("not_finite")
-                self._note("law_failed", "error", reason=f"{type(error).__name__}: {error}")
+            reason = f"{type(error).__name__}: {error}"
+            if not self._unreset:  # it is reset in every tick without torque, the fact is one
+                self._note("law_failed", "error", reason=reason)
+            self._unreset = reason
+            self.health.raise_now("not_finite")
+        else:
+            self._unreset = ""
 
     def _follow_controller(self) -> None:
         """Limits and filter of the controller that acts from now on."""

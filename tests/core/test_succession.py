@@ -189,3 +189,27 @@ def test_loaded_disarmed_a_law_without_a_torque_is_cut_when_it_would_act() -> No
     rig.step("arm")
     outputs = [rig.step() for _ in range(60)]
     assert {output.command.torque_nm for output in outputs} == {0.0} and rig.mode == "FAULT"
+
+
+class Sour(Turn):
+    """A law that cannot be reset."""
+
+    def reset(self) -> None:
+        raise RuntimeError("no memory to clear")
+
+
+@pytest.mark.parametrize("ticks", [5, 6, 7, 8])
+def test_a_law_that_cannot_be_reset_is_not_armed(ticks: int) -> None:
+    rig = with_laws(healthy(), sour=named(Sour(0.03)), other=named(Turn(0.03)))
+    rig.step(load("sour"))
+    rig.run(ticks)
+    rig.step("arm")
+    assert set(rig.run(60)) == {"DISARMED"}
+    assert rig.refused() == [("arm", "not_finite")]
+    assert [note.fields["reason"] for note in rig.notes if note.name == "law_failed"] == [
+        "RuntimeError: no memory to clear"
+    ]
+    rig.step(load("other"))
+    rig.run(2)
+    rig.step("arm")
+    assert rig.run(60)[-1] == "RUNNING"

@@ -239,3 +239,18 @@ def test_a_signal_that_would_be_cut_short_is_refused() -> None:
     rig.run(TICKS_OF_BASELINE)
     rig.step(load("other", "experiment"))
     assert rig.refused()[-1] == ("experiment", "limits.torque_nm of 0.8 is more than the 0.7 that the run began with")
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3])
+@pytest.mark.parametrize("purpose", ["trial", "experiment"])
+def test_a_pause_ends_it_however_soon_after_it_began(purpose: str, ticks: int) -> None:
+    signal = Excitation([0.05] * 500, ExcitationLimits(0.1, 100.0, 1.0), around=Turn(0.02))
+    law = signal if purpose == "experiment" else Turn(0.03)
+    rig = with_laws(running(), other=named(law))  # type: ignore[arg-type]
+    rig.run(TICKS_OF_BASELINE)
+    rig.dark = 10  # pictures, after which the ball is lost
+    rig.run(9 - ticks)
+    rig.step(load("other", purpose))
+    assert in_force(rig) == "other.yaml"
+    assert rig.run(ticks)[-1] == "READY" and in_force(rig) == ""
+    assert rig.run(60)[-1] == "RUNNING" and in_force(rig) == ""
