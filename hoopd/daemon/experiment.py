@@ -19,7 +19,7 @@ from hoopd.core.controllers import DONE
 from hoopd.core.excitation import BEYOND
 from hoopd.core.modes import Mode
 from hoopd.daemon.app import Options, check_options, perform
-from hoopd.daemon.build import Texts, read_texts, without_places
+from hoopd.daemon.build import Texts, limits_in_force, read_texts, without_places
 from hoopd.daemon.conductor import START_PATIENCE_S, Conductor
 from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.files.controller import ControllerFile, parse_controller
@@ -27,6 +27,7 @@ from hoopd.files.reading import InputError, read_text
 from hoopd.files.whole_files import check_target, replace_file
 from hoopd.ident import signals
 from hoopd.plants.hoop.loop.experiment_plan import FinishedPlan, Plan, write_score
+from hoopd.plants.model_file import parse_model
 from hoopd.recording.mcap import read
 from hoopd.recording.recording import Recording
 from hoopd.shell import config as configuration
@@ -91,6 +92,8 @@ def prepared(plan: Plan, config: Config, config_path: Path | None) -> tuple[Conf
     base = parse_controller(texts.controller, base_file)
     if plan.around is not None:
         _check_holding(plan.around, base, config.loop.period_s)
+    model = parse_model(texts.model, config.device.model or base.model)
+    base = change(base, limits=limits_in_force(config, model, base))
     foresees = texts.model if plan.model is None else read_text(plan.model)
     score = write_score(plan, base, foresees, config.loop.period_s)
     config = change(config, control=change(config.control, file=f"experiment {plan.kind}"))

@@ -46,8 +46,10 @@ class ControllerLoader:
         return text
 
     def _prepare(self, tick: Tick, prepared: Prepared, text: str, loaded: LoadedController) -> None:
-        running, filter_ = tick.succession.acting, None
-        if loaded.filter_key != running.filter.key:
+        succession, filter_ = tick.succession, None
+        # whichever of them acts in the tick that takes the text: a trial may be over by then, who waits may act
+        may_act = (succession.acting, succession.accepted, succession.follower or succession.acting)
+        if any(one.filter.key != loaded.filter_key for one in may_act):
             filter_ = prepared_filter(self._config, text, tick.succession.limit_nm)
         prepared.clear()  # what was prepared before was never asked for: one file is loaded at a time
         prepared[text] = new_controller(self._config, text, filter_)

@@ -128,11 +128,14 @@ def beyond_limits(torques_nm: Sequence[float], limits: ControllerLimits) -> str:
 
 
 def _excitation(file: ControllerFile) -> Controller:
-    entry = excitation_entry(file.gains)
-    if entry.around is None:
-        return excitation_of(entry, None)
-    change = {"kind": entry.around.kind, "gains": entry.around.gains}
-    return excitation_of(entry, controller_of(msgspec.structs.replace(file, **change)))
+    entry, around = excitation_entry(file.gains), None
+    if entry.around is not None:
+        change = {"kind": entry.around.kind, "gains": entry.around.gains}
+        around = controller_of(msgspec.structs.replace(file, **change))
+    law = excitation_of(entry, around)
+    if beyond := beyond_limits(law.torques_nm, file.limits):  # cut short it would be another signal
+        raise ValueError(f"table_nm {beyond}")
+    return law
 
 
 def settings_of(file: ControllerFile) -> EkfSettings:

@@ -8,7 +8,9 @@ disk is one event, a flag and a new file later, never an exception in the loop; 
 from __future__ import annotations
 
 import contextlib
+import errno
 import itertools
+import os
 import threading
 import time
 from collections import deque
@@ -90,9 +92,10 @@ class _Sink:
             file.close()
             self._writer = self._file = None
 
-    def abandon(self) -> None:
+    def abandon(self) -> int:
         """Let the file go without what was half written, which the next one gets whole; remove it when no row of it is
-        safe."""
+        safe. Returns how many rows went with a file that somebody deleted."""
+        gone = self._rows + 1 - len(self.unsafe) if self._file is not None and _is_deleted(self._file) else 0
         file, empty, size = self._file, not self.proven, self._writer.size if self._writer is not None else 0
         self._file = self._writer = None
         with contextlib.suppress(OSError):
@@ -105,6 +108,7 @@ class _Sink:
                 self.path.unlink()
                 self.parts -= 1
         self.path = None
+        return max(gone, 0)
 
     def _open(self) -> list[str]:
         """The next file, begun with the rows that the last one did not keep."""
@@ -130,6 +134,8 @@ class _Sink:
     def _settle(self, keep: int) -> None:
         """After a flush only the rows behind it are unsafe."""
         if self._writer is not None and self._writer.flushes != self._flushes:
+            if self._file is not None and _is_deleted(self._file):  # it would take rows for ever, and have no name
+                raise OSError(errno.ESTALE, "the file was deleted while it was written")
             self._flushes = self._writer.flushes
             self.unsafe = self.unsafe[len(self.unsafe) - keep :]
 
@@ -138,6 +144,10 @@ class _Sink:
             self.finish(keep=1)
             return []
         return make_room(self._folder, self._limits, keep=self.path)
+
+
+def _is_deleted(file: BinaryIO) -> bool:
+    return os.fstat(file.fileno()).st_nlink == 0
 
 
 class Recorder:
@@ -260,7 +270,7 @@ class Recorder:
 
     def _disk_failed(self, error: OSError) -> None:
         file = self._sink.path.name if self._sink.path else ""
-        self._sink.abandon()
+        self._lost += self._sink.abandon()
         self._try_at = self._now() + self._retry_s[min(self._in_row, len(self._retry_s) - 1)]
         self._failures, self._in_row = self._failures + 1, self._in_row + 1
         if not self._failing:

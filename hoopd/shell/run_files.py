@@ -1,14 +1,18 @@
 """The folder of recordings: names, room, and which runs may go.
 
 Rules of this file: only files that carry our name and our mark are counted or deleted, never the newest of them, never
-another's; the folder must exist. Raises OSError, which the recorder takes as trouble.
+one that is being written (whoever writes it holds its lock), never another's; the folder must exist. Raises OSError,
+which the recorder takes as trouble.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import fcntl
 import os
 import re
+from collections import deque
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -47,6 +51,8 @@ def create(folder: Path) -> tuple[Path, BinaryIO]:
     taken = [int(m[1]) for path in folder.iterdir() if (m := _NAME.match(path.name))]
     path = folder / f"run-{max(taken, default=0) + 1:04d}.mcap"
     file = path.open("xb", buffering=0)
+    with contextlib.suppress(OSError):  # some network folders have no locks
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     sync_folder(folder)
     return path, file
 
@@ -62,12 +68,14 @@ def sync_folder(folder: Path) -> None:
 
 def make_room(folder: Path, limits: Limits, keep: Path | None = None) -> list[str]:
     """Names of the oldest runs deleted to stay inside the limits; OSError (ENOSPC) when that is not enough."""
-    ours, deleted = runs(folder), []
-    while ours and (_total(ours) > limits.quota_bytes or free_bytes(folder) < limits.min_free_bytes):
-        if len(ours) == 1 or ours[0].path == keep:
-            break
-        ours[0].path.unlink()
-        deleted.append(ours.pop(0).path.name)
+    ours, deleted = runs(folder), list[str]()
+    total, waiting = _total(ours), deque(ours[:-1])
+    while waiting and (total > limits.quota_bytes or free_bytes(folder) < limits.min_free_bytes):
+        oldest = waiting.popleft()
+        if oldest.path != keep and not _is_written(oldest.path):
+            oldest.path.unlink()
+            deleted.append(oldest.path.name)
+            total -= oldest.size
     if free_bytes(folder) < limits.min_free_bytes:
         raise OSError(errno.ENOSPC, f"less than {limits.min_free_bytes} bytes free", str(folder))
     return deleted
@@ -77,6 +85,18 @@ def free_bytes(folder: Path) -> int:
     """Bytes that an ordinary user may still write there."""
     state = os.statvfs(folder)
     return state.f_bavail * state.f_frsize
+
+
+def _is_written(path: Path) -> bool:
+    """Whether a recorder has it open."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+    return False
 
 
 def _total(files: list[RunFile]) -> int:

@@ -143,6 +143,25 @@ def test_missing_folder_is_trouble_once_and_heals(tmp_path: Path) -> None:
     assert list(mcap.read(folder / "run-0001.mcap").extra["id"]) == list(range(40))
 
 
+@pytest.mark.parametrize("deleted", ["folder", "file"])
+def test_a_file_that_somebody_deletes_is_trouble_and_its_rows_are_counted(deleted: str, tmp_path: Path) -> None:
+    log, folder = Log(), tmp_path / "runs"
+    folder.mkdir()
+    recorder = Recorder(folder, HEADER, limits=SMALL, on_event=log, synchronous=True)
+    feed(recorder, 500)
+    (folder / "run-0001.mcap").unlink()
+    if deleted == "folder":
+        folder.rmdir()
+        folder.mkdir()
+    feed(recorder, 1000, 500)
+    assert recorder.close()
+    assert log.names() == ["recorder_trouble", "recorder_recovered"]
+    assert log.events[0][2]["reason"] == "the file was deleted while it was written"
+    kept = list(mcap.read(folder / "run-0001.mcap").extra["id"])
+    assert kept == list(range(1500 - len(kept), 1500)) and len(kept) > 980
+    assert recorder.counts[:2] == (len(kept), 1500 - len(kept))
+
+
 def test_unusable_row_is_counted_and_the_rest_kept(tmp_path: Path) -> None:
     log = Log()
     recorder = Recorder(tmp_path, HEADER, limits=SMALL, on_event=log, synchronous=True)
@@ -176,9 +195,21 @@ def test_quota_deletes_the_oldest_of_ours_only(tmp_path: Path) -> None:
     assert all(path.exists() for path in foreign)
 
 
+def test_room_is_not_made_of_what_another_recorder_writes(tmp_path: Path) -> None:
+    live = Recorder(tmp_path, HEADER, limits=SMALL, synchronous=True)
+    feed(live, 100)
+    others = [make_run(tmp_path) for _ in range(3)]
+    assert make_room(tmp_path, Limits(1, 0)) == [path.name for path in others[:2]]
+    feed(live, 100, 100)
+    assert live.close()
+    assert list(mcap.read(tmp_path / "run-0001.mcap").extra["id"]) == list(range(200))
+    assert make_room(tmp_path, Limits(1, 0)) == ["run-0001.mcap"]
+
+
 def test_open_run_outlives_the_quota_and_too_little_room_is_trouble(tmp_path: Path) -> None:
     paths = [make_run(tmp_path) for _ in range(2)]
     assert make_room(tmp_path, Limits(1, 0), keep=paths[0]) == []
+    assert paths[0].exists()
     with pytest.raises(OSError, match="free"):
         make_room(tmp_path, Limits(10**9, 10**18))
     assert paths[1].exists()

@@ -32,6 +32,10 @@ BAD: dict[str, tuple[tuple[str, ...], str]] = {
     "unknown kind": (("noise", *LOCKSTEP), "unknown kind 'noise'; known: prbs, chirp"),
     "too much torque": (("prbs", *LOCKSTEP, "--amplitude", "0.4"), "--amplitude: 0.4 N m is outside 0 to the limit"),
     "torque that is none": (("prbs", *LOCKSTEP, "--amplitude", "nan"), "--amplitude: must be a finite number, not nan"),
+    "steps beyond the slew limit": (
+        ("prbs", *LOCKSTEP, "--amplitude", "0.1", "--set", "limits.slew_nm_per_tick=0.05"),
+        "experiment prbs: table_nm steps by 0.2 N m in a tick, and 0.05 N m are in force",
+    ),
     "speed beyond the fault's": (("prbs", *LOCKSTEP, "--max-speed", "60"), "--max-speed: 60 rad/s must be below"),
     "endless speed": (("prbs", *LOCKSTEP, "--max-speed", "nan"), "--max-speed"),
     "no model": (("prbs", *LOCKSTEP, "--model", "FOLDER/none.yaml"), "none.yaml: no such file"),
@@ -175,6 +179,17 @@ def test_the_command(tmp_path: Path) -> None:
     result = json.loads((tmp_path / "a.json").read_text())
     assert code == 0 and result["outcome"] == "done" and "outcome" in out
     assert result["file"] == str(tmp_path / "run-0001.mcap") and result["next"].startswith("hoopd fit ")
+
+
+def test_a_signal_is_as_large_as_the_limits_in_force_let_it(tmp_path: Path) -> None:
+    code, _, _ = call(
+        ("experiment", "prbs", *LOCKSTEP, "--out", str(tmp_path / "a.mcap"), "--json", str(tmp_path / "a.json"),
+         "--set", "limits.torque_nm=0.03")
+    )  # fmt: skip
+    result = json.loads((tmp_path / "a.json").read_text())
+    assert code == 0 and result["outcome"] == "done"
+    assert result["amplitude_nm"] == result["largest_torque_nm"] == 0.03
+    assert "0.03 N m, because the limits in force let no more pass" in result["notes"]
 
 
 @pytest.mark.parametrize("key", [b"q", *(pytest.param(one, marks=pytest.mark.proof) for one in (b" ", b"\x03"))])

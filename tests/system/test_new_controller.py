@@ -322,6 +322,22 @@ def test_a_daemon_in_real_time_makes_all_ready_before_the_text_enters(folder: Fo
     assert ready is not None and make_controller(config, 0.7, prepared, other, running).filter is ready
 
 
+@pytest.mark.parametrize("who", ["acting", "accepted"])
+def test_a_trial_that_ends_meanwhile_leaves_no_filter_to_be_made_in_the_tick(who: str, folder: Folder) -> None:
+    config = load(None, sim=True, overrides=[f"control.folder={folder.path}"])
+    prepared: Prepared = {}
+    tick = build_tick(config, read_texts(config, None), prepared)
+    first, other = tick.succession.accepted, modelled(folder, "far.yaml", "3.0e-3")
+    trial = make_controller(config, 0.7, {}, ControllerLoader(config, None).load(other, "a test"), first.filter)
+    tick.succession.acting = trial
+    wanted = other if who == "acting" else folder.copied("arx.yaml")
+    text = ControllerLoader(config, None, tick, prepared).load(wanted, "a test")
+    assert prepared[text].filter is not None  # for the other one of the two
+    there = first if who == "acting" else trial
+    ready = prepared[text].filter
+    assert make_controller(config, 0.7, prepared, text, there.filter).filter is ready
+
+
 def test_disarmed_another_model_is_the_one_of_a_daemon_that_began_with_it(tmp_path: Path, folder: Folder) -> None:
     key = modelled(folder, "far.yaml", "2.0e-3")
     loaded = played(tmp_path, folder, (0.3, "controller", key), duration_s=3.0)

@@ -87,6 +87,16 @@ class FinishedPlan(NamedTuple):
     warnings: tuple[str, ...]
 
 
+class _Choice(NamedTuple):
+    """A signal that was chosen."""
+
+    use: float  # of the limits, infinite where the model foresees an early end
+    file: ControllerFile
+    amplitude_nm: float
+    forecast: Forecast
+    refused: str = ""  # why a stronger one could not be played
+
+
 def unit_table(plan: Plan, variant: int, period_s: float) -> signals.Signal:
     """The signal with a peak of one, one value a tick; ValueError when the plan's numbers give none."""
     n = round(plan.duration_s / period_s)
@@ -106,18 +116,21 @@ def unit_table(plan: Plan, variant: int, period_s: float) -> signals.Signal:
 
 
 def write_score(plan: Plan, base: ControllerFile, model_text: str, period_s: float) -> FinishedPlan:
-    """Choose a signal and write it down; InputError for a plan that cannot be played."""
+    """Choose a signal and write it down; InputError for a plan that cannot be played.
+
+    The limits of `base` are those in force: a signal that they would cut short is not chosen.
+    """
+    plan = plan._replace(torque_limit_nm=min(plan.torque_limit_nm, base.limits.torque_nm))
     plant = _plant_of(model_text, plan.model or "model", ball=plan.ball)
 
     def make(variant: int, amplitude_nm: float) -> ControllerFile:
         return _file(plan, base, variant, amplitude_nm, period_s)
 
-    use, file, amplitude_nm, forecast = _choose(plan, make, plant, period_s)
-    table = file.gains["table_nm"]
-    text = text_of(msgspec.to_builtins(file), default_flow_style=None, width=120)
+    found = _choose(plan, make, plant, period_s)
+    table = found.file.gains["table_nm"]
+    text = text_of(msgspec.to_builtins(found.file), default_flow_style=None, width=120)
     parse_controller(text, "experiment")
-    warnings = tuple(_warnings(plan, use, amplitude_nm, forecast))
-    return FinishedPlan(text, amplitude_nm, len(table) * period_s, forecast, warnings)
+    return FinishedPlan(text, found.amplitude_nm, len(table) * period_s, found.forecast, tuple(_warnings(plan, found)))
 
 
 def _plant_of(model_text: str, name: str | Path, *, ball: bool) -> HoopPlant:
@@ -129,30 +142,34 @@ def _plant_of(model_text: str, name: str | Path, *, ball: bool) -> HoopPlant:
     return HoopPlant.with_effects(found) if found else HoopPlant(model.structure, model.values())
 
 
-def _choose(
-    plan: Plan, make: Callable[[int, float], ControllerFile], plant: HoopPlant, period_s: float
-) -> tuple[float, ControllerFile, float, Forecast]:
+def _choose(plan: Plan, make: Callable[[int, float], ControllerFile], plant: HoopPlant, period_s: float) -> _Choice:
     """The first signal that leaves room to every limit, else the one that leaves most; the weakest where all end."""
-    best: tuple[float, ControllerFile, float, Forecast] | None = None
+    best: _Choice | None = None
+    refused = ""
     for amplitude_nm, variant in _candidates(plan):
         file = make(variant, amplitude_nm)
-        law = controller_of(file)
+        try:
+            law = controller_of(file)
+        except ValueError as error:
+            refused = str(error)
+            continue
         assert isinstance(law, Excitation)
         forecast = foresee(law, plant, period_s, ball=plan.ball)
         use = forecast.use(plan) if forecast.ended == DONE else inf
-        if best is None or use < best[0] or (use == best[0] == inf and amplitude_nm < best[2]):
-            best = (use, file, amplitude_nm, forecast)
+        if best is None or use < best.use or (use == best.use == inf and amplitude_nm < best.amplitude_nm):
+            best = _Choice(use, file, amplitude_nm, forecast, refused)
         if use <= plan.use_share:
             break
-    assert best is not None
+    if best is None:
+        raise InputError(f"experiment {plan.kind}", "", refused)
     return best
 
 
 def _candidates(plan: Plan) -> Iterator[tuple[float, int]]:
     variants = VARIANTS.get(plan.kind, 1)
-    for amplitude_nm in AMPLITUDES_NM if plan.amplitude_nm is None else (plan.amplitude_nm,):
-        if amplitude_nm <= plan.torque_limit_nm:
-            yield from ((amplitude_nm, plan.seed * variants + index) for index in range(variants))
+    usual = [one for one in AMPLITUDES_NM if one <= plan.torque_limit_nm] or [plan.torque_limit_nm]
+    for amplitude_nm in usual if plan.amplitude_nm is None else [plan.amplitude_nm]:
+        yield from ((amplitude_nm, plan.seed * variants + index) for index in range(variants))
 
 
 def foresee(law: Excitation, plant: HoopPlant, period_s: float, *, ball: bool = True) -> Forecast:
@@ -186,13 +203,12 @@ def _file(plan: Plan, base: ControllerFile, variant: int, amplitude_nm: float, p
         "centring_nm_per_rad_s": plan.centring_nm_per_rad_s,
         "around": None if plan.around is None else {"kind": base.kind, "gains": base.gains},
     }
-    torque_nm = min(base.limits.torque_nm, plan.torque_limit_nm)
     return msgspec.structs.replace(
         base,
         name=plan.kind,
         kind="excitation",
         gains=gains,
-        limits=msgspec.structs.replace(base.limits, torque_nm=torque_nm),
+        limits=msgspec.structs.replace(base.limits, torque_nm=plan.torque_limit_nm),
         sample_time_s=period_s,
         notes=_notes(plan, variant, amplitude_nm),
     )
@@ -211,12 +227,15 @@ def _notes(plan: Plan, variant: int, amplitude_nm: float) -> str:
     return f"{plan.kind} of {amplitude_nm:g} N m, {particulars[plan.kind]}, variant {variant}{around}{ball}"
 
 
-def _warnings(plan: Plan, use: float, amplitude_nm: float, forecast: Forecast) -> Iterator[str]:
-    if use > plan.use_share:
+def _warnings(plan: Plan, found: _Choice) -> Iterator[str]:
+    forecast = found.forecast
+    if found.use > plan.use_share:
         seen = f"hoop {forecast.hoop_speed_rad_s:.1f} rad/s, ball {forecast.ball_angle_rad:.2f} rad"
         ends = "" if forecast.ended == DONE else f", and it would end early: {forecast.ended}"
         yield f"little room: the model foresees {seen}{ends}; a smaller --amplitude is safer"
     if plan.centring_nm_per_rad_s or plan.around is not None:
         yield "the torque depends on what was measured (feedback): use methods that hold in closed loop"
-    if plan.amplitude_nm is None and amplitude_nm < AMPLITUDES_NM[0]:
-        yield f"{amplitude_nm:g} N m, because the model foresees too much with more"
+    if plan.amplitude_nm is None and found.amplitude_nm < AMPLITUDES_NM[0]:
+        limited = found.refused or found.amplitude_nm == plan.torque_limit_nm
+        why = "the limits in force let no more pass" if limited else "the model foresees too much with more"
+        yield f"{found.amplitude_nm:g} N m, because {why}"
