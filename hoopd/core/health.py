@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from math import isfinite, isinf, pi, tau
+from math import isfinite, isinf, nan, pi, tau
 from typing import NamedTuple
 
 from hoopd.core.ballresponse import BallMotion
@@ -37,7 +37,7 @@ from hoopd.core.frames import (
 )
 from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.core.picturechecks import PictureChecks
-from hoopd.core.records import DriverSample, Estimate, Inputs
+from hoopd.core.records import CameraSample, DriverSample, Estimate, Inputs
 from hoopd.core.slow_ticks import rows_off
 
 # Conditions of the hardware; the drive stays off while one lasts.
@@ -50,6 +50,7 @@ START_GRACE_S = 3.0
 # Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
 REFUSALS = 20
 FASTEST_RAD_S = 200.0  # the board cannot report more
+PICTURE_GAIN = 0.05  # of the newest picture in the mean time between two
 LARGEST_MISMATCH_NM = 2.0 * TORQUE_LIMIT_NM  # no mismatch can be larger
 
 
@@ -149,7 +150,8 @@ class Health:
         """`levels`: what the filter's innovations are while the device is as the model says; `ball`, `hoop`: the
         model's."""
         self.thresholds, self.period_s = thresholds, period_s
-        self.too_slow_for = rows_off(period_s)  # rows that cannot judge at this period, and why
+        self._picture: CameraSample | None = None
+        self._picture_s = nan  # between two pictures of the camera, on average
         self.drift = Drift(levels)
         self._left: tuple[str, Drift, _Count] | None = None  # key of the model before this one, and its drift
         self._pictures = PictureChecks(ball)
@@ -185,8 +187,23 @@ class Health:
             self._look()
         if inputs.driver is not None:
             self._driver = inputs.driver
+        if inputs.camera is not None:
+            self._time(inputs.camera)
         self._asked_nm = sent.torque_nm
         self._id = inputs.id
+
+    def _time(self, picture: CameraSample) -> None:
+        """Follow how often there are pictures, those that no tick took among them."""
+        before, self._picture = self._picture, picture
+        if before is not None and picture.frame > before.frame and picture.t > before.t:
+            period_s = (picture.t - before.t) / (picture.frame - before.frame)
+            known = isfinite(self._picture_s)
+            self._picture_s = self._picture_s + PICTURE_GAIN * (period_s - self._picture_s) if known else period_s
+
+    @property
+    def too_slow_for(self) -> dict[str, str]:
+        """Rows that cannot judge at this period or with this camera, and why."""
+        return rows_off(self.period_s, self._picture_s)
 
     def watch(self, t: float, estimate: Estimate, *, acting: bool) -> tuple[str, ...]:
         """Follow the innovations while the law acts; the channels that drift, in the tick in which that is found."""

@@ -61,6 +61,8 @@ class Operator:
         for command in commands:
             if command.name == SPEED:
                 self._take_speed(command.value, mode, t)
+            elif command.name == "reference":
+                self._set_reference(command.value, mode)
             elif command.name not in CHANGES:
                 self._take(command)
             elif revoking:
@@ -79,8 +81,6 @@ class Operator:
             self._tell("operator", "info", command=str(REVOKING[command.name]))
         elif command.name in ("arm", "clear"):
             self._take_wish(command.name)
-        elif command.name == "reference":
-            self._set_reference(command.value)
         elif command.name == "tune":
             self._tune(command)
         else:
@@ -99,9 +99,12 @@ class Operator:
     def _refuse(self, command: str, reason: str) -> None:
         self._tell("command_refused", "warning", command=command, reason=reason)
 
-    def _set_reference(self, value: float) -> None:
+    def _set_reference(self, value: float, mode: Mode) -> None:
         if not isfinite(value):
             self._refuse("reference", "not a finite number")
+            return
+        if mode not in ENERGISED:  # an arm, whoever gives it, begins at the bottom
+            self._refuse("reference", mode_words(mode, self._health.halting()))
             return
         self.reference = min(self._limit_rad, max(-self._limit_rad, value))
         self._tell("reference", "info", reference=self.reference)

@@ -15,6 +15,7 @@ more is refused; every command is told once, obeyed or refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 
@@ -130,14 +131,18 @@ class Succession:
     @property
     def tunables(self) -> Mapping[str, float]:
         """Numbers of the acting law by their names; none of a law that tells none."""
-        told = getattr(self.acting.law, "tunables", None)
+        told = None
+        with suppress(Exception):
+            told = getattr(self.acting.law, "tunables", None)
         return told if isinstance(told, Mapping) else {}
 
     @property
     def speed_limit(self) -> float:
         """The fastest hoop, rad/s, that the acting law can be asked for; 0: it follows no speed."""
-        told = getattr(self.acting.law, "speed_limit", 0.0)
-        return float(told) if isinstance(told, float) and 0.0 <= told < inf else 0.0
+        with suppress(Exception):  # a user's own law may tell anything
+            told = float(getattr(self.acting.law, "speed_limit", 0.0))
+            return told if 0.0 <= told < inf else 0.0
+        return 0.0
 
     def _load(self, command: Command, mode: Mode, t: float) -> None:
         try:

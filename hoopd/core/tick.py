@@ -258,6 +258,7 @@ class Tick:
     def _brake(self, inputs: Inputs) -> float:
         if self._sent.enabled_for == 0 or self._stopping_since == 0.0:
             self._stopping_since = inputs.t
+            self.limiter.reset()  # with a slow slew limit the law's torque would drive the hoop on
         limit = self.settings.brake_limit_nm
         return min(limit, max(-limit, -self.settings.brake_nm_per_rad_s * self.health.hoop_speed))
 

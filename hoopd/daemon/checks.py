@@ -269,9 +269,9 @@ def power(word: int | None) -> CheckResult:
 # --- faults -----------------------------------------------------------------------------------------------------------
 
 
-def fault_rows(faults: Thresholds, period_s: float = TickSettings.period_s) -> CheckResult:
-    """No row of the fault table is off without having been accepted, or at a tick of this period."""
-    off, missing = {**faults.off_rows(), **rows_off(period_s)}, faults.not_accepted()
+def fault_rows(faults: Thresholds, period_s: float = TickSettings.period_s, picture_s: float = math.nan) -> CheckResult:
+    """No row of the fault table is off without having been accepted, or at a tick or pictures of these periods."""
+    off, missing = {**faults.off_rows(), **rows_off(period_s, picture_s)}, faults.not_accepted()
     granted = "; ".join(f"{name} is off: {why}" for name, why in off.items()) or "all rows work"
     wanted = f"accepted_off: {', '.join(faults.accepted_off) or 'none'}"
     if missing:

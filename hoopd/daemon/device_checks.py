@@ -85,7 +85,7 @@ def device_checks(config: Config, config_path: Path | None, layout: Layout, watc
     period_s = config.loop.period_s
     return [
         ("files", lambda: _files(config, config_path)),
-        ("fault rows", lambda: check.fault_rows(config.faults, config.loop.period_s)),
+        ("fault rows", lambda: check.fault_rows(config.faults, config.loop.period_s, 1.0 / config.camera.fps)),
         ("board", lambda: _board(config, layout)),
         ("camera", lambda: _camera(config, watch)),
         ("priority", _scheduling),

@@ -29,7 +29,6 @@ from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 TRIES_KEPT, TRIES_UNWEIGHED = 4, 2
 LEAST_WEIGHED_S = 5.0
 FAULT_S = 1.0  # a fault that is told so soon after the law stopped is what stopped it
-CLEAR = "clear"
 WATCHED = "watched"  # in a version's evidence: the watch over it is over
 
 
@@ -209,10 +208,9 @@ class Probation:
             self._accepted()
 
     def _accepted(self) -> None:
-        """What the daemon held against the model of before is over."""
+        """The version acts; what the daemon held against the model of before went with that model."""
         hand, version = self._in_hand, self._in_hand.version
         hand.on_trial = False
-        hand.order(CLEAR)
         version.accepted = hand.clock()
         hand.keep("accepted", f"accepted by {version.decided_by}: its cost is as promised")
         hand.folder.acts(version.acts_as)
@@ -284,5 +282,4 @@ class Probation:
         hand.version.reason = why
         hand.enter("rolling")
         hand.order(CONTROLLER, before.key)
-        hand.order(CLEAR)
         hand.folder.acts(before.number)

@@ -245,7 +245,16 @@ def test_the_memory_is_bounded() -> None:
     assert len(ekf._nodes) < 40
 
 
-@pytest.mark.parametrize("change", [{"r_psi": 0.0}, {"gate_nis": math.nan}, {"q": (0.0, -1.0, 0.0, 0.0)}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"r_psi": 0.0},
+        {"gate_nis": math.nan},
+        {"q": (0.0, -1.0, 0.0, 0.0)},
+        {"horizon_s": 30.0},
+        {"reacquire_after": 0},
+    ],
+)
 def test_impossible_settings_are_refused(change: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="must be"):
         EkfSettings(**change)  # type: ignore[arg-type]

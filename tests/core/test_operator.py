@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import pytest
 from harness.smallrig import HEALTHY_TICKS, SmallRig, healthy, running
 
 from hoopd.core.operator import BOARD_LATCHES, WISH_TICKS
+from hoopd.core.records import Command
 
 SETTLED_TICKS = 80  # more than an arm may wait and a stop may brake
 REVOKING = ("disarm", "stop", "shutdown")
@@ -155,3 +157,30 @@ def test_an_arm_that_is_refused_says_what_hinders_it() -> None:
     rig.step("arm")
     assert rig.refused() == [("arm", "link_lost")]
     assert set(rig.run(SETTLED_TICKS)) == {"DISARMED"}
+
+
+@pytest.mark.parametrize("ticks", [1, 50])
+def test_a_reference_that_is_wanted_while_nothing_acts_is_refused(ticks: int) -> None:
+    rig = healthy()
+    rig.step(Command("reference", 0.3))
+    rig.run(ticks)
+    rig.step("arm")
+    assert rig.run(60)[-1] == "RUNNING" and rig.tick.operator.reference == 0.0
+    assert rig.refused() == [("reference", "the mode is DISARMED")]
+    rig.step(Command("reference", 0.3))
+    assert rig.tick.operator.reference == 0.3
+
+
+@pytest.mark.parametrize("slew_nm", [0.02, 0.005, 0.002])
+def test_a_stop_does_not_drive_the_hoop_on_however_slow_the_slew_limit(slew_nm: float) -> None:
+    rig = healthy()
+    acting = rig.tick.succession.acting
+    rig.tick.succession.acting = rig.tick.succession.accepted = replace(acting, slew_nm_per_tick=slew_nm)
+    rig.step("arm")
+    while rig.board.dtheta < 10.0:
+        assert rig.step().record.mode in ("READY", "RUNNING")
+    stopping = [rig.step("stop")]
+    while rig.mode == "STOPPING":
+        stopping.append(rig.step())
+    assert max(output.command.torque_nm for output in stopping) <= 0.0
+    assert min(output.command.torque_nm for output in stopping) < 0.0

@@ -213,3 +213,31 @@ def test_a_law_that_cannot_be_reset_is_not_armed(ticks: int) -> None:
     rig.run(2)
     rig.step("arm")
     assert rig.run(60)[-1] == "RUNNING"
+
+
+class Boastful(Turn):
+    """A law that tells what it should not."""
+
+    speed_limit = 20  # a whole number
+
+    @property
+    def tunables(self) -> dict[str, float]:
+        raise RuntimeError("not now")
+
+
+class Shy(Turn):
+    @property
+    def speed_limit(self) -> float:
+        raise RuntimeError("not now")
+
+
+def test_whatever_a_law_tells_of_itself_the_tick_goes_on() -> None:
+    rig = with_laws(running(), boastful=named(Boastful(0.03)), shy=named(Shy(0.03)))
+    rig.step(load("boastful"))
+    rig.run(60)
+    rig.step(Command("speed", 5.0))
+    assert rig.tick.operator.speed == 5.0 and rig.tick.succession.tunables == {}
+    rig.step(load("shy"))
+    rig.run(60)
+    rig.step(Command("speed", 5.0))
+    assert rig.refused()[-1][0] == "speed" and rig.mode == "RUNNING"

@@ -43,7 +43,8 @@ class PlayedDaemon:
     tells: bool = True
 
     def __post_init__(self) -> None:
-        self.t, self.running, self.faults, self.acting = 0.0, True, tuple[str, ...](), ""
+        self.t, self.running, self.acting = 0.0, True, ""
+        self.faults = self._faults_before = tuple[str, ...]()
         self.orders: list[tuple[float, WantedCommand]] = []
         self.works: list[HealWork] = []
         self._due: tuple[float, HealWork] | None = None
@@ -79,15 +80,15 @@ class PlayedDaemon:
         if order.name in ("trial", "controller") and self.tells:
             if self.takes:
                 told = {"command": order.name, "sha256": order.key.partition("@")[2] + "0" * 52}
+                self._faults_before, self.faults = self.faults, ()  # of the model before
                 self.healing.note("controller", told)
             else:
                 self.healing.note("command_refused", {"command": order.name, "reason": "the model does not fit"})
         if order.name == "accept":
             self.healing.note("operator", {"command": "accept"})
         if order.name == "revert":
+            self.faults = self._faults_before
             self.healing.note("trial_returned", {"reason": REVERTED})
-        if order.name == "clear":
-            self.faults = ()
 
     def drift(self) -> None:
         """The model no longer fits."""

@@ -31,7 +31,7 @@ def test_a_change_is_diagnosed_from_where_it_is_certain_tried_and_accepted_by_th
     alive = [t for t, order in daemon.orders if order.name == "alive"]
     assert max(b - a for a, b in itertools.pairwise(alive)) < 2.0
     daemon.run(200.0)
-    assert daemon.names == ["trial", "accept", "clear"] and daemon.versions.loop().acting == 1
+    assert daemon.names == ["trial", "accept"] and daemon.versions.loop().acting == 1
     assert daemon.versions.read(1).decided_by == "policy" and daemon.healing.phase == "watching"
 
 
@@ -158,8 +158,8 @@ def test_it_rolls_back_by_itself_when_the_change_goes_away_again(tmp_path: Path)
     daemon.run(10.0)
     daemon.answers["weigh"] = BAD
     daemon.run(200.0)
-    assert daemon.names == ["trial", "accept", "clear", "controller", "clear"]
-    assert daemon.orders[-2][1].key == "lqg.yaml@000000000000"
+    assert daemon.names == ["trial", "accept", "controller"]
+    assert daemon.orders[-1][1].key == "lqg.yaml@000000000000"
     assert daemon.state() == "rolled_back" and daemon.versions.loop().acting == 0
 
 

@@ -10,6 +10,7 @@ from harness.runs import run
 from harness.smallrig import healthy
 
 from hoopd.core.health import Thresholds
+from hoopd.core.records import CameraSample
 from hoopd.core.slow_ticks import rows_off
 from hoopd.daemon.checks import Verdict, exit_code, fault_rows
 from hoopd.daemon.replay import recorded_config, replay
@@ -67,11 +68,37 @@ def test_a_slow_tick_is_told_at_check_status_and_arming() -> None:
     assert slow.verdict == Verdict.WARN and "hoop_innovation is off: loop.period_s is 0.1" in slow.granted
     rig = healthy()
     assert rig.tick.health.too_slow_for == {}
-    rig.tick.health.too_slow_for = rows_off(0.1)
+    rig.tick.health.period_s = 0.1
     (told,) = [note.fields["rows"] for note in rig.step("arm").notes if note.name == "rows_off"]
     loop = SimpleNamespace(tick=rig.tick, record=None, statistics=SimpleNamespace(summary=dict))
     status = operator_status(loop, SimpleNamespace(accepted=1, refused=0), None, None)  # type: ignore[arg-type]
     assert len(rows_off(0.1)) == 5 and all(row in told and row in status["rows_off"] for row in rows_off(0.1))
+
+
+@pytest.mark.parametrize(
+    ("pictures", "off"), [(25, ["ball_unresponsive"]), (30, ["ball_unresponsive"]), (45, []), (50, []), (52, []),
+                          (60, ["angle_noiseless"]), (100, ["angle_noiseless"])],
+)  # fmt: skip
+def test_a_camera_that_leaves_rows_without_judgement_is_told(pictures: float, off: list[str]) -> None:
+    assert list(rows_off(0.02, 1.0 / pictures)) == off
+    found = fault_rows(Thresholds(torque_constant_nm_per_a=0.37), 0.02, 1.0 / pictures)
+    assert found.verdict == (Verdict.WARN if off else Verdict.OK)
+
+
+@pytest.mark.parametrize("pictures", [25, 50, 100])
+def test_how_often_pictures_come_is_seen_and_told_at_arming(pictures: int) -> None:
+    rig = healthy()
+
+    def taken(t: float) -> CameraSample | None:
+        newest = int((t - 0.005) * pictures)
+        return CameraSample(newest, newest / pictures, t, 0.002 * (newest % 3), 1.0, 240.0, 422.0)
+
+    rig._picture = taken  # type: ignore[method-assign, assignment]
+    rig.run(200)
+    told = [note.fields["rows"] for note in rig.step("arm").notes if note.name == "rows_off"]
+    wanted = {25: "ball_unresponsive: the camera gives 25 pictures a second, it judges from 33 on",
+              100: "angle_noiseless: the camera gives 100 pictures a second, more than there are ticks"}  # fmt: skip
+    assert told == ([wanted[pictures]] if pictures in wanted else [])
 
 
 @pytest.mark.parametrize("value", ["[no_row]", "[1]", "current_implausible"])
