@@ -31,6 +31,7 @@ from hoopd.files.controller import (
     controller_of,
     levels_of,
     parse_controller,
+    parse_recorded_controller,
     settings_of,
 )
 from hoopd.files.loaded_controller import LoadedController, filter_key, parse_loaded
@@ -67,11 +68,12 @@ Prepared = MutableMapping[str, NewController]
 
 def read_texts(config: Config, config_path: Path | None) -> Texts:
     """Texts of the files that a configuration names."""
-    law = config.control.law
+    law, controller = config.control.law, read_text(find(config.control.file, config_path))
+    parse_controller(controller, config.control.file)  # before anything is built of it
     return Texts(
         dump(without_places(config)),
         read_text(model_path(config, config_path)),
-        _without_folder(read_text(find(config.control.file, config_path))),
+        _without_folder(controller),
         read_text(find(law, config_path)) if law else "",
     )
 
@@ -131,7 +133,7 @@ def build_tick(config: Config, texts: Texts, prepared: Prepared | None = None) -
 
     `prepared`: controllers that are about to be loaded, by the text that loads them.
     """
-    file = parse_controller(texts.controller, config.control.file)
+    file = parse_recorded_controller(texts.controller, config.control.file)
     model = parse_model(texts.model, config.device.model or file.model)
     same_period(config, file, config.control.file)
     law = load_law(texts.law, config.control.law) if config.control.law else controller_of(file)

@@ -17,6 +17,7 @@ import numpy as np
 from hoopd.core.controllers import Controller, LinearGains, Lqg, LqgGains, LqgLinear, TransferFunctionController
 from hoopd.core.drift import CHANNELS, Level
 from hoopd.core.estimator import DelayedEkf, EkfSettings, Step
+from hoopd.core.excitation import Excitation
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
 from hoopd.files.excitation import excitation_entry, excitation_of
 from hoopd.files.planned_motion import planned_motion_entry, tracker_of
@@ -81,6 +82,14 @@ def load_controller(path: Path) -> ControllerFile:
 
 def parse_controller(text: str, path: object) -> ControllerFile:
     """A checked controller from its file's text; `path` is what a message calls it."""
+    file = parse_recorded_controller(text, path)
+    if beyond := beyond_own_limits(file):
+        raise InputError(path, "gains", beyond)
+    return file
+
+
+def parse_recorded_controller(text: str, path: object) -> ControllerFile:
+    """A controller that has been played: a plan beyond its own limits was cut, and a replay cuts it, too."""
     content = parse_yaml(text, path)
     if isinstance(content, dict) and content.get("plant", HOOP) != HOOP:
         raise InputError(path, "plant", f"a controller of {content['plant']!r}: the daemon runs the hoop alone")
@@ -98,10 +107,7 @@ def controller_of(file: ControllerFile) -> Controller:
     if file.kind == "excitation":
         return _excitation(file)
     if file.kind == "maneuver":
-        entry = planned_motion_entry(file.gains)
-        if beyond := beyond_limits(entry.torques_nm, file.limits):
-            raise ValueError(f"torques_nm {beyond}")
-        return tracker_of(entry)
+        return tracker_of(planned_motion_entry(file.gains))
     if file.kind == "lqg":
         gains = _numbers(file.gains)
         missing = {"k_dtheta", "k_psi", "k_dpsi"} - gains.keys()
@@ -114,6 +120,17 @@ def controller_of(file: ControllerFile) -> Controller:
     if file.gains.keys() != {"b", "a"}:
         raise ValueError("expected b and a, the coefficients of C(z) from the highest power down")
     return TransferFunctionController(_array(file.gains, "b", 1).tolist(), _array(file.gains, "a", 1).tolist())
+
+
+def beyond_own_limits(file: ControllerFile) -> str:
+    """By what the plan that a law plays is beyond the file's limits, which would make another one of it; empty: by
+    nothing, or it plays none."""
+    if file.kind == "maneuver":
+        told = beyond_limits(planned_motion_entry(file.gains).torques_nm, file.limits)
+        return f"torques_nm {told}" if told else ""
+    law = controller_of(file)
+    told = beyond_limits(law.torques_nm, file.limits) if isinstance(law, Excitation) else ""
+    return f"table_nm {told}" if told else ""
 
 
 def beyond_limits(torques_nm: Sequence[float], limits: ControllerLimits) -> str:
@@ -132,10 +149,7 @@ def _excitation(file: ControllerFile) -> Controller:
     if entry.around is not None:
         change = {"kind": entry.around.kind, "gains": entry.around.gains}
         around = controller_of(msgspec.structs.replace(file, **change))
-    law = excitation_of(entry, around)
-    if beyond := beyond_limits(law.torques_nm, file.limits):  # cut short it would be another signal
-        raise ValueError(f"table_nm {beyond}")
-    return law
+    return excitation_of(entry, around)
 
 
 def settings_of(file: ControllerFile) -> EkfSettings:

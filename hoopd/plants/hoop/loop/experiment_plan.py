@@ -19,7 +19,7 @@ import numpy as np
 from hoopd.core.controllers import DONE, Measurement
 from hoopd.core.excitation import Excitation
 from hoopd.core.records import PICTURE_AGE_S
-from hoopd.files.controller import ControllerFile, controller_of, parse_controller
+from hoopd.files.controller import ControllerFile, beyond_own_limits, controller_of, parse_controller
 from hoopd.files.reading import InputError
 from hoopd.files.yaml_text import text_of
 from hoopd.ident import signals
@@ -149,11 +149,10 @@ def _choose(plan: Plan, make: Callable[[int, float], ControllerFile], plant: Hoo
     for amplitude_nm, variant in _candidates(plan):
         file = make(variant, amplitude_nm)
         try:
-            law = controller_of(file)
+            law = _playable(file)
         except ValueError as error:
             refused = str(error)
             continue
-        assert isinstance(law, Excitation)
         forecast = foresee(law, plant, period_s, ball=plan.ball)
         use = forecast.use(plan) if forecast.ended == DONE else inf
         if best is None or use < best.use or (use == best.use == inf and amplitude_nm < best.amplitude_nm):
@@ -163,6 +162,15 @@ def _choose(plan: Plan, make: Callable[[int, float], ControllerFile], plant: Hoo
     if best is None:
         raise InputError(f"experiment {plan.kind}", "", refused)
     return best
+
+
+def _playable(file: ControllerFile) -> Excitation:
+    """The law of a signal; ValueError where the file's limits would make another one of it."""
+    if beyond := beyond_own_limits(file):
+        raise ValueError(beyond)
+    law = controller_of(file)
+    assert isinstance(law, Excitation)
+    return law
 
 
 def _candidates(plan: Plan) -> Iterator[tuple[float, int]]:
