@@ -9,7 +9,7 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -66,6 +66,16 @@ def recorded_parts(where: Where) -> Iterator[tuple[Path, list[Path]]]:
 
 
 def _moved(written: list[Path], file: Path) -> list[Path]:
-    """The first part as the file, the others beside it under the next free numbers."""
-    names = (name for k in count(2) if not (name := file.with_stem(f"{file.stem}-{k}")).exists())
-    return [part.replace(file if k == 0 else next(names)) for k, part in enumerate(written)]
+    """The first part as the file, the others beside it under the next free numbers; where another run has made the
+    file meanwhile, the first one, too."""
+    names = chain([file], (file.with_stem(f"{file.stem}-{k}") for k in count(2)))
+    return [part.replace(next(name for name in names if _taken(name))) for part in written]
+
+
+def _taken(name: Path) -> bool:
+    """Whether a name was free, and is ours now."""
+    try:
+        name.open("xb").close()
+    except FileExistsError:
+        return False
+    return True

@@ -21,7 +21,7 @@ from system.test_bad_input import one_line
 from hoopd.daemon import experiment
 from hoopd.daemon.app import Options
 from hoopd.daemon.operator_abort import ABORTED
-from hoopd.daemon.recording_target import Where
+from hoopd.daemon.recording_target import Where, recorded_parts
 from hoopd.exit_codes import PORT_MISSING, UNUSABLE_INPUT
 from hoopd.files.reading import InputError
 from hoopd.plants.hoop.loop.experiment_plan import Plan
@@ -115,6 +115,16 @@ def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
         *call(("experiment", "prbs", *LOCKSTEP, "--out", str(tmp_path / "a.mcap"))), "give another name, or delete it"
     )
     assert (tmp_path / "a.mcap").read_bytes() == b"precious"
+
+
+def test_runs_that_overlap_overwrite_nothing(tmp_path: Path) -> None:
+    where = Where(file=tmp_path / "a.mcap")
+    with recorded_parts(where) as (first, parts), recorded_parts(where) as (second, others):
+        for folder in (first, second):
+            (folder / "run-0001.mcap").write_text(str(folder))
+    assert [path.name for path in (*others, *parts)] == ["a.mcap", "a-2.mcap"]
+    assert [path.read_text() for path in (*others, *parts)] == [str(second), str(first)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a-2.mcap", "a.mcap"]
 
 
 def test_the_daemon_without_a_ball_refuses_laws_that_need_one() -> None:

@@ -316,6 +316,18 @@ def test_without_any_stream(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "done.json").read_text())["ticks"] > 0
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(f"experiment prbs {' '.join(LOCKSTEP)} --out a.mcap", 0), ("--arm", 2)]
+)
+def test_without_a_standard_input(arguments: str, code: int, tmp_path: Path) -> None:
+    line = f"exec {sys.executable} -m hoopd {arguments} --duration 2 <&-"
+    done = subprocess.run(
+        ["sh", "-c", line], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60, check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == code and "Traceback" not in done.stderr and "mistake" not in done.stderr
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("delay_s", [0.1, 0.6, 1.1])
 def test_stopped_during_start_up(number: signal.Signals, delay_s: float, tmp_path: Path) -> None:
