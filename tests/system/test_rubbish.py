@@ -320,7 +320,7 @@ def test_without_any_stream(tmp_path: Path) -> None:
     ("arguments", "code"), [(f"experiment prbs {' '.join(LOCKSTEP)} --out a.mcap", 0), ("--arm", 2)]
 )
 def test_without_a_standard_input(arguments: str, code: int, tmp_path: Path) -> None:
-    line = f"exec {sys.executable} -m hoopd {arguments} --duration 2 <&-"
+    line = f"exec {sys.executable} -m hoopd {arguments} <&-"
     done = subprocess.run(
         ["sh", "-c", line], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60, check=False,
         capture_output=True, text=True,
