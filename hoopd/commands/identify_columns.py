@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.commands.identify_data import SHORTEST
+from hoopd.commands.identify_data import EVEN, SHORTEST, in_step
 from hoopd.files.reading import InputError
 from hoopd.ident.data import Data, iddata
 from hoopd.recording.column_choice import ANY_UNIT, SignalLayout
@@ -26,9 +25,6 @@ from hoopd.recording.slices import read_recording
 from hoopd.recording.spans import spans
 
 Array = NDArray[np.float64]
-
-# Steps that differ by less of the usual one are rounding of the time stamps.
-EVEN = 0.02
 
 
 @dataclass(frozen=True)
@@ -132,17 +128,9 @@ def _in_our_words(error: InputError, choice: ColumnChoice) -> InputError:
 def _stretches(recording: Recording, name: str, choice: ColumnChoice) -> tuple[list[Data], list[str]]:
     step, notes = round(recording.sample_time_s, 9), []
     y, u = _table(recording, choice.outputs), _table(recording, choice.inputs)
-    apart = np.diff(recording.t)
-    skipped = apart > (1.0 + 0.5) * step
-    uneven = np.abs(apart - step) > EVEN * step
-    if (uneven & ~skipped).any() or not np.isfinite(step):
-        low, high = float(apart.min()), float(apart.max())
-        reason = f"rows are {low:.4g} to {high:.4g} s apart: --sample-time S brings them to an even step"
-        raise InputError(name, "t", reason)
+    kept = in_step(recording, step, name, "--sample-time S")
     known = np.asarray(np.isfinite(u).all(axis=1))
-    parts = [
-        (first + a, first + b) for first, last in _between(skipped, len(recording)) for a, b in spans(known[first:last])
-    ]
+    parts = [(first + a, first + b) for first, last in kept for a, b in spans(known[first:last])]
     kept = [(a, b) for a, b in parts if b - a >= (SHORTEST if len(parts) > 1 else 1)]
     if not kept:
         raise InputError(
@@ -156,11 +144,6 @@ def _stretches(recording: Recording, name: str, choice: ColumnChoice) -> tuple[l
         return [iddata(y[a:b], u[a:b], step, t0=float(recording.t[a]), time_axis=0, **names) for a, b in kept], notes
     except ValueError as error:
         raise InputError(name, "", str(error)) from None
-
-
-def _between(skipped: NDArray[np.bool_], rows: int) -> list[tuple[int, int]]:
-    edges = [0, *(np.flatnonzero(skipped) + 1).tolist(), rows]
-    return list(pairwise(edges))
 
 
 def _table(recording: Recording, names: Mapping[str, object]) -> Array:

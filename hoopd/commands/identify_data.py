@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from hoopd.files.reading import InputError
 from hoopd.ident.checks import CONSTANT
 from hoopd.ident.data import Data, iddata
 from hoopd.plants.declaration import Plant
-from hoopd.recording.recording import Recording
+from hoopd.recording.recording import MISSED_STEPS, Recording
 from hoopd.recording.spans import spans
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ SHORTEST = 50
 FEWEST_READINGS = 20
 # Steps that differ by less are rounding of the time stamps.
 SAME_STEP = 1e-6
+# Rows are evenly apart when no step differs by more.
+EVEN = 0.02
 
 
 def read(names: Sequence[str], options: IdentifyOptions, plant: Plant | None) -> tuple[list[Data], list[str]]:
@@ -66,7 +69,10 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
     whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
         raise InputError(name, "", "no row holds all of the outputs that are asked for")
-    found, step, parts = [], round(recording.sample_time_s, 9), spans(known)
+    found, step = [], round(recording.sample_time_s, 9)
+    # the daemon's own ticks come when they can
+    kept = in_step(recording, step, name, "hoopd convert --step" if not recording.is_tick else "")
+    parts = [(first + a, first + b) for first, last in kept for a, b in spans(known[first:last])]
     for start, end in parts:
         first = start + int(np.argmax(whole[start:end]))
         if whole[first] and end - first >= (SHORTEST if len(parts) > 1 else 1):
@@ -74,7 +80,18 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
     if not found:
         reason = f"no {SHORTEST} rows follow each other of which {_words(inputs)} known"
         raise InputError(name, names[0], reason)
-    return found, _cut(known, found, name, _words(inputs, missing=True))
+    return found, _cut(known, found, name, _words(inputs, missing=True), len(kept) > 1)
+
+
+def in_step(recording: Recording, step_s: float, name: str, even: str) -> list[tuple[int, int]]:
+    """First row and the row after the last of what has no missing rows in it; InputError for rows that are not evenly
+    apart, with what brings them to a step (empty: nothing is refused)."""
+    apart = np.diff(recording.t)
+    skipped = apart > MISSED_STEPS * step_s
+    if (even and ((np.abs(apart - step_s) > EVEN * step_s) & ~skipped).any()) or not np.isfinite(step_s):
+        low, high = float(apart.min()), float(apart.max())
+        raise InputError(name, "t", f"rows are {low:.4g} to {high:.4g} s apart: {even} brings them to an even step")
+    return list(pairwise([0, *(np.flatnonzero(skipped) + 1).tolist(), len(recording)]))
 
 
 def _words(inputs: Sequence[str], *, missing: bool = False) -> str:
@@ -83,12 +100,13 @@ def _words(inputs: Sequence[str], *, missing: bool = False) -> str:
     return names if missing else f"{names} {'is' if len(inputs) == 1 else 'are'}"
 
 
-def _cut(known: NDArray[np.bool_], found: Sequence[Data], name: str, inputs: str) -> list[str]:
+def _cut(known: NDArray[np.bool_], found: Sequence[Data], name: str, inputs: str, skipped: bool) -> list[str]:
     missing = int((~known).sum())
-    if not missing:
+    why = [f"{inputs} of {missing} rows is not known"] * (missing > 0) + ["rows are missing"] * skipped
+    if not why:
         return []
     rows = sum(one.n for one in found)
-    return [f"{name}: {inputs} of {missing} rows is not known: {rows} of {len(known)} rows used, in {len(found)} parts"]
+    return [f"{name}: {', '.join(why)}: {rows} of {len(known)} rows used, in {len(found)} parts"]
 
 
 def _outputs(recording: Recording, options: IdentifyOptions) -> Array:

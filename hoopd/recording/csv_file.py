@@ -211,13 +211,24 @@ def _rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
 def _blank_rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
     """The same of cells between tabs, semicolons, blanks or commas; % and # begin a remark: a line of its own, or what
     follows numbers."""
+    width = 0  # cells of the first row
     for number, line in enumerate(_lines(file, path), start=1):
         text = line.strip()
         if text and text[0] not in "%#":
             cells = _cells(text)
+            if "\t" in text and len(cells) < width:
+                cells = _with_empty_ends(cells, line.strip(" \r\n"), width)
+            width = width or len(cells)
             if remark := (_REMARK if _is_of_numbers(cells[:1]) else _REMARK_OF_NAMES).search(text):
                 cells = _cells(text[: remark.start()].rstrip(" \t,;"))
             yield number, cells
+
+
+def _with_empty_ends(cells: list[str], line: str, width: int) -> list[str]:
+    """As many empty cells before and behind as tabs at the ends of the line tell, and the row lacks."""
+    behind = min(len(line) - len(line.rstrip("\t")), width - len(cells))
+    before = min(len(line) - len(line.lstrip("\t")), width - len(cells) - behind)
+    return [""] * before + cells + [""] * behind
 
 
 def _cells(text: str) -> list[str]:

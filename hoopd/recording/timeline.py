@@ -33,6 +33,10 @@ DRIVEN = ("RUNNING", "STOPPING")
 TORQUE_TIMES = "u_t"
 
 
+# Rows must be so many times farther apart than what counts as one instant.
+CLOSEST = 2.0 - 1e-6
+
+
 class ChannelNodes(NamedTuple):
     """What one sensor saw."""
 
@@ -76,6 +80,9 @@ def timelines(recording: Recording) -> list[Timeline]:
         for c, d in pairwise([a, *cuts[(cuts > a) & (cuts < b)], b])
         if d - c >= 2
     ]
+    if stretches and float(np.nanmedian(np.diff(recording.t))) < CLOSEST * SAME_S:
+        step = float(np.nanmedian(np.diff(recording.t)))
+        raise ValueError(f"rows are {step:.3g} s apart, and what is nearer than {SAME_S:g} s counts as one instant")
     if not stretches:
         raise ValueError("no two rows in a row with time and torque" if recording.is_tick else _nothing(recording))
     return [_timeline(recording, slice(a, b)) for a, b in stretches]

@@ -223,3 +223,32 @@ def test_real_data_give_a_stable_model(folder: Path, monkeypatch: pytest.MonkeyP
     (output,) = found["outputs"]  # type: ignore[misc]
     assert found["fit_percent"]["simulation"][output] > least  # type: ignore[index]
     assert max(abs(complex(one["re"], one["im"])) for one in found["poles"]) < 1.0  # type: ignore[union-attr]
+
+
+BLOCK = """
+schema: hoopd.plant/1
+name: block
+states: {T: {unit: K, usual: 1}}
+inputs: {P: {unit: W, limit: 5}}
+parameters: {C: {value: 20, unit: J/K}, k: {value: 1, unit: W/K}}
+equations: {T: C*T' = P - k*T}
+sample_time_s: 1
+"""
+
+
+def test_missing_rows_of_a_plant_s_recording_are_no_even_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "block.yaml").write_text(BLOCK)
+    random, n = np.random.default_rng(3), 900
+    u = np.repeat(random.choice([0.0, 1.0, 2.0], 90), 10)
+    y = lfilter([0.0, 1.0 - np.exp(-0.05)], [1.0, -np.exp(-0.05)], u) + 0.002 * random.standard_normal(n)
+    rows, k = np.column_stack([np.arange(n), u, y]), np.arange(n)
+    uneven = rows + np.outer(random.uniform(0.0, 0.3, n), [1.0, 0.0, 0.0])
+    for name, table in (("gap", rows[k % 250 < 200]), ("holes", rows[k % 60 < 48]), ("uneven", uneven)):
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="t,P,T", comments="")
+    words = ("--plant", "block.yaml", "--orders", "1,1")
+    found = told(tmp_path, "gap.csv", *words)
+    assert "gap.csv: rows are missing: 750 of 750 rows used, in 4 parts" in found["warnings"]  # type: ignore[operator]
+    for name, reason in (("holes", "no 50 rows follow each other"), ("uneven", "hoopd convert --step brings them")):
+        code, _, errors = call(("identify", f"{name}.csv", *words))
+        assert code == 2 and reason in errors and errors.count("\n") == 1

@@ -93,3 +93,10 @@ def test_another_encoding_is_said_with_its_line(tmp_path: Path, encoding: str, s
     path.write_text("t,q,T [°C]\n0,1,2\n", encoding=encoding)
     with pytest.raises(InputError, match=rf"line 1: is no UTF-8 \(byte {sign}\): save the file as UTF-8"):
         load(path, layout=HEATER)
+
+
+def test_an_empty_cell_at_the_end_of_a_row_between_tabs_is_a_missing_one(tmp_path: Path) -> None:
+    found = loaded(tmp_path, "a.txt", "t\tF\tx\n0\t1\t2\n0.5\t3\t\n1\t\t4\n")
+    assert repr(found.column("F").tolist()) == "[1.0, 3.0, nan]"
+    assert repr(found.column("x").tolist()) == "[2.0, nan, 4.0]"
+    assert loaded(tmp_path, "b.txt", "t\tF\tx\t\n0\t1\t2\t\n1\t3\t4\t\n").column("x").tolist() == [2.0, 4.0]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hoopd.recording.recording import Recording, from_columns
+from hoopd.recording.recording import Recording, from_columns, from_signals
 from hoopd.recording.timeline import switch_times, timelines, usual_steps
 
 NAN = float("nan")
@@ -144,3 +144,12 @@ def test_angles_are_unwrapped() -> None:
     assert line.channels["psi"].values == pytest.approx(psi)
     assert line.channels["theta"].values == pytest.approx(theta)
     assert np.abs(recording.psi).max() <= np.pi, "the recording itself stays as it is"
+
+
+@pytest.mark.parametrize("step", [2e-7, 1e-6, 1.5e-6])
+def test_rows_nearer_than_two_instants_are_refused(step: float) -> None:
+    t = step * np.arange(1000.0)
+    with pytest.raises(ValueError, match="s apart, and what is nearer than 1e-06 s counts as one instant"):
+        timelines(from_signals(t, {"u": t}, {"y": t}))
+    (part,) = timelines(from_signals(2e-6 * np.arange(1000.0), {"u": t}, {"y": t}))
+    assert len(part.t) == 1000

@@ -108,9 +108,11 @@ def prepare_runs(plant: Plant, recordings: Sequence[Recording], window_s: float 
 
 
 def stretches_of(plant: Plant, recording: Recording) -> list[Timeline]:
-    """The recording's stretches with the plant's inputs in its order; InputError names what is missing."""
+    """The recording's stretches with the plant's inputs in its order, timed from its first row, as the `t` of equations
+    is; InputError names what is missing."""
+    begin = float(recording.t[0])
     try:
-        return timelines(_of_plant(plant, recording))
+        return [part._replace(t=part.t - begin) for part in timelines(_of_plant(plant, recording))]
     except ValueError as error:
         raise InputError(recording.source, "", str(error)) from None
 

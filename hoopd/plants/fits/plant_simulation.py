@@ -73,6 +73,7 @@ def simulate_plant(
     for name in start or {}:
         if name not in plant.states:
             raise InputError("--x0", name, f"no state of {plant.name}; known: {', '.join(plant.states)}")
+    begin = float(recording.t[0])  # equations count from there
     measured = any(np.isfinite(recording.channels[c].values).any() for c in plant.channels if c in recording.channels)
     whole = _with_every_sample(system, recording)
     try:
@@ -85,15 +86,15 @@ def simulate_plant(
         runs = prepare_runs(plant, [recording])
         solution = fit_output_error(turned, (), runs)
         begun = {round(run.t[0] / SAME_S): x for run, x in zip(runs, solution.starts, strict=True)}
-        parts = [part for part in parts if round(part.t[0] / SAME_S) in begun]
-        starts = tuple(begun[round(part.t[0] / SAME_S)] for part in parts)
+        parts = [part for part in parts if round((part.t[0] - begin) / SAME_S) in begun]
+        starts = tuple(begun[round((part.t[0] - begin) / SAME_S)] for part in parts)
     else:
         if len(parts) > 1 and start is not None:
             words = f"one start is given and there are {len(parts)} stretches: cut it"
             raise InputError(recording.source, "--x0", words)
         starts = tuple(np.array([(start or {}).get(name, 0.0) for name in plant.states]) for _ in parts)
     model = turned.model(ALL, ())
-    readings = [model.run((), x0, part.t, part.u) for part, x0 in zip(parts, starts, strict=True)]
+    readings = [model.run((), x0, part.t - begin, part.u) for part, x0 in zip(parts, starts, strict=True)]
     if not all(np.isfinite(one).all() for one in readings):
         raise InputError(plant.name, "", "the free run leaves every bound")
     simulated = _as_recorded(system, whole, parts, readings)

@@ -17,7 +17,9 @@ from hoopd.plants.fits import plant_fit
 from hoopd.plants.fits.free_parameters import Prior
 from hoopd.plants.fits.plant_fit import METHODS, PlantFit, fit_plant
 from hoopd.plants.fits.plant_runs import PlantSystem
+from hoopd.plants.fits.plant_simulation import simulate_plant
 from hoopd.plants.free_run import FreeRun
+from hoopd.plants.plant_file import parse_plant
 from hoopd.plants.registry import plant_named
 from hoopd.recording.recording import Recording, Signal, from_signals
 from tests.shared import shared_path
@@ -234,3 +236,27 @@ def test_real_falls() -> None:
         name = f"drop_{ball}_ball_1"
         percent[ball] = fit_plant(plant_named("falling"), shared_run(name, (), "h")).percent[name]["h"].nrmse_percent
     assert percent["bowling"] > percent["tennis"] > 80.0  # the air counts for the light one
+
+
+DRIFTING = """
+schema: hoopd.plant/1
+name: drifting
+states: {T: {unit: K, usual: 5}}
+inputs: {P: {unit: W, limit: 50}}
+parameters: {C: {value: 150, unit: J/K}, k: {value: 1, unit: W/K}, r: {value: 0.02, unit: W/s}}
+equations: {T: "C*T' = P - k*T + r*t"}
+sample_time_s: 5
+"""
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("begin_s", [0.0, 3600.0, 1.7e9])
+def test_the_time_of_an_equation_begins_with_the_recording(begin_s: float, method: str) -> None:
+    plant, true, t = parse_plant(DRIFTING, "drifting.yaml"), {"C": 100.0, "k": 1.0, "r": 0.01}, 5.0 * np.arange(300)
+    u = {"P": np.repeat(np.random.default_rng(1).choice([0.0, 20.0, 40.0], 15), 20)}
+    one = made(plant, true, [0.0], t, u, 0.01)
+    late = from_signals(t + begin_s, u, {"T": one.column("T")}, source="late")
+    found = fit_plant(plant, [late], ("C", "k", "r"), method)
+    assert found.values == pytest.approx(true, rel=0.01)
+    run = simulate_plant(PlantSystem(plant, changed=true), late)
+    assert run.percent["T"].nrmse_percent > 99.5
