@@ -37,8 +37,6 @@ IMPOSSIBLE_RAD_S = 100.0
 BALL_SPEED_LIMIT_RAD_S = 15.0  # rejected samples that move faster are not one ball; one let go at the side has 12
 
 
-# The oldest sample that any filter remembers: pictures are 50 ms old, and those of 0.3 s are a fault.
-LONGEST_HORIZON_S = 1.0
 FEWEST_ALIKE = 2
 
 
@@ -68,8 +66,6 @@ class EkfSettings:
         for name, value in {**positive, "horizon_s": self.horizon_s}.items():
             if not (isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be above zero, not {value}")
-        if self.horizon_s > LONGEST_HORIZON_S:  # a filter begins that far back, in steps, within a tick
-            raise ValueError(f"horizon_s must be at most {LONGEST_HORIZON_S:g} s, not {self.horizon_s:g}")
         if self.reacquire_after < FEWEST_ALIKE:  # one false picture alone would be believed
             raise ValueError(f"reacquire_after must be at least {FEWEST_ALIKE}, not {self.reacquire_after}")
         if len(self.q) != 4 or not all(isfinite(value) and value >= 0.0 for value in self.q):

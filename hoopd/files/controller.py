@@ -36,6 +36,10 @@ class FilterPlant(Protocol):
         """(x, u, h) -> state after h seconds and its derivative by x."""
 
 
+# A filter begins so far back, in steps, within a tick; pictures are 50 ms old, and those of 0.3 s are a fault.
+LONGEST_HORIZON_S = 1.0
+
+
 class EstimatorEntry(Strict, frozen=True):
     """Numbers of `EkfSettings` in a file."""
 
@@ -96,6 +100,7 @@ def parse_recorded_controller(text: str, path: object) -> ControllerFile:
     file = to_struct(content, ControllerFile, path)
     between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, TORQUE_LIMIT_NM)
     between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
+    between(path, "estimator.horizon_s", file.estimator.horizon_s, 0.0, LONGEST_HORIZON_S)
     between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
     _checked(path, "gains", lambda: controller_of(file))
     _checked(path, "estimator", lambda: (settings_of(file), levels_of(file)))

@@ -251,7 +251,6 @@ def test_the_memory_is_bounded() -> None:
         {"r_psi": 0.0},
         {"gate_nis": math.nan},
         {"q": (0.0, -1.0, 0.0, 0.0)},
-        {"horizon_s": 30.0},
         {"reacquire_after": 0},
     ],
 )
