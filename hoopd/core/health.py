@@ -50,6 +50,7 @@ START_GRACE_S = 3.0
 # Of the last 50 pictures. A push costs the filter five refusals until it follows; twenty are four pushes a second.
 REFUSALS = 20
 FASTEST_RAD_S = 200.0  # the board cannot report more
+AWAY_S = 0.3  # without pictures: the camera was away
 PICTURE_GAIN = 0.05  # of the newest picture in the mean time between two
 LARGEST_MISMATCH_NM = 2.0 * TORQUE_LIMIT_NM  # no mismatch can be larger
 
@@ -197,6 +198,8 @@ class Health:
         before, self._picture = self._picture, picture
         if before is not None and picture.frame > before.frame and picture.t > before.t:
             period_s = (picture.t - before.t) / (picture.frame - before.frame)
+            if picture.t - before.t > AWAY_S:  # a camera that was away says nothing of its pace
+                period_s = nan
             known = isfinite(self._picture_s)
             self._picture_s = self._picture_s + PICTURE_GAIN * (period_s - self._picture_s) if known else period_s
 

@@ -89,6 +89,7 @@ def diagnose(case: Case) -> Outcome:
 def _record(case: Case, found: Searched, proof: ProvenNames, told: Weighed) -> Diagnosis:
     named, threshold, effects, final = found.named, case.settings.threshold, told.effects, told.said.final
     verdict = verdict_of(named, effects, proof.unknown, threshold)
+    power = visible(named, case.library, threshold)
     diagnosis = Diagnosis(
         schema=SCHEMA,
         verdict=verdict,
@@ -104,8 +105,8 @@ def _record(case: Case, found: Searched, proof: ProvenNames, told: Weighed) -> D
         refused=list(proof.refused),
         remains=remains_of(told.stand),
         disagreement=disagreement_of(told.differs, final, case.library),
-        power=visible(named, case.library, threshold),
-        notes=parameter_notes(case.library) if verdict == "parameters" else one_body_notes(effects),
+        power=power,
+        notes=parameter_notes(case.library, power) if verdict == "parameters" else one_body_notes(effects),
     )
     return diagnosis if told.large is None else told.large.told_in(diagnosis)
 

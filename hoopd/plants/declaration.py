@@ -108,6 +108,8 @@ class Slot(NamedTuple):
         The base's viscous coefficient of the body, where it has one.
     data : object
         What a plant's own effects have to know of its own kind of slot.
+    free_gain : bool
+        The drive's gain is one of the plant's own parameters, so that nobody searches it beside them.
 
     Examples
     --------
@@ -124,6 +126,7 @@ class Slot(NamedTuple):
     speed: float = 10.0  # usual rate of the coordinate, rad/s or m/s: the sizes that a search tries follow it
     viscous: Callable[[Point], Any] | None = None  # the base's viscous coefficient of the body, where it has one
     data: Any = None  # what a plant's own effects have to know of its own kind of slot
+    free_gain: bool = False  # the drive's gain is one of the plant's own parameters
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ def test_all_sensors_late_are_a_late_torque() -> None:
 
 
 def test_a_gain_of_the_torque_is_a_matter_of_parameters() -> None:
-    (note,) = parameter_notes(LIBRARY)
+    (note,) = parameter_notes(LIBRARY, {})
     assert "actuator.torque_gain" in note
 
 

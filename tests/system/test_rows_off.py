@@ -101,6 +101,15 @@ def test_how_often_pictures_come_is_seen_and_told_at_arming(pictures: int) -> No
     assert told == ([wanted[pictures]] if pictures in wanted else [])
 
 
+def test_a_camera_that_was_away_is_no_slow_one() -> None:
+    rig = healthy()
+    rig.blind = 500
+    rig.run(500)
+    assert "ball_unresponsive" not in rig.tick.health.too_slow_for
+    rig.run(1)
+    assert "ball_unresponsive" not in rig.tick.health.too_slow_for
+
+
 @pytest.mark.parametrize("value", ["[no_row]", "[1]", "current_implausible"])
 def test_a_row_that_is_none_is_one_line(value: str) -> None:
     with pytest.raises(InputError, match=r"^[^\n]*accepted_off[^\n]*$"):

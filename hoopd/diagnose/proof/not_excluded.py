@@ -15,7 +15,7 @@ from itertools import combinations
 from math import hypot
 
 from hoopd.diagnose.proof.separation import nats_apart, rows_beside, without_effect
-from hoopd.diagnose.record import Alternative, EffectFinding, Quantity
+from hoopd.diagnose.record import Alternative, EffectFinding, Quantity, Visible
 from hoopd.diagnose.search.candidates import Tried
 from hoopd.diagnose.search.naming import NOT_EXCLUDED_NATS, Named
 from hoopd.plants.effects.base import Effect
@@ -55,9 +55,13 @@ def separations(named: Named, library: Mapping[str, Effect]) -> dict[str, Separa
     return {one.effect.name: _separation(named, one, library) for one in named.accepted}
 
 
-def parameter_notes(library: Mapping[str, Effect]) -> list[str]:
-    """What is to be said when other parameters are enough: effects that do the same, never told from these."""
-    names = [name for name, effect in library.items() if effect.found_by == "base"]
+def parameter_notes(library: Mapping[str, Effect], power: Mapping[str, Visible]) -> list[str]:
+    """What is to be said when other parameters are enough: effects that do the same, never told from these; `power`:
+    what would have been seen."""
+    names = [
+        name for name, effect in library.items()
+        if effect.as_parameters and (name not in power or power[name].smallest is None)
+    ]  # fmt: skip
     return [f"{name} does the same as other parameters: these recordings do not tell which it is" for name in names]
 
 

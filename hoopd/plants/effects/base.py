@@ -168,6 +168,7 @@ class Effect:
     substeps: int = 0  # at least so many integration steps between two nodes (20 ms); 0: no wish
     # screen, scan (a search of its own), quality (from the recording alone), base (parameters), switch (on or off)
     found_by: str = "screen"
+    as_parameters: bool = False  # where a plant's parameters are free they may do the same
     depends_on: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()  # coordinates without which a plant cannot have it, beside those of its slot
     contains: tuple[str, ...] = ()  # simpler effects that are a case of this one

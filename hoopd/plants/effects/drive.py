@@ -50,7 +50,7 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
 
 def _of_slot(plant: Plant, name: str, slot: Any) -> tuple[Effect, ...]:
     every = (
-        _gain(name),
+        _gain(name, moves=slot.coordinate in plant.coordinates, free=slot.free_gain),
         _bias(plant, name),
         _deadzone(plant, name),
         _saturation(plant, name),
@@ -82,7 +82,8 @@ def _lost_commands(slot: str) -> Effect:
     )
 
 
-def _gain(slot: str) -> Effect:
+def _gain(slot: str, *, moves: bool, free: bool) -> Effect:
+    """`moves`: it drives a coordinate; `free`: the plant has a parameter for it."""
     return Effect(
         f"{slot}.torque_gain",
         (EffectParameter("k", "-", 1.0, 0.2, 3.0, grid=(0.1,)),),
@@ -90,13 +91,18 @@ def _gain(slot: str) -> Effect:
         torque=lambda s, e: e.k * s.u,
         undo=lambda s, e: s.u / e.k,
         order=3,
-        found_by="base",
+        found_by="base" if free else "screen",
+        as_parameters=True,
         depends_on=("u",),
         formula="k u",
         statement="the drive gives k times the torque that is demanded",
         signature="every response to the torque is larger or smaller by one factor",
         sign="k > 0",
-        best_experiment="a known added mass or weight on the driven body, then the same signal twice",
+        best_experiment=(
+            "a known added mass or weight on the driven body, then the same signal twice"
+            if moves
+            else "what the drive gives, measured by an instrument of its own"
+        ),
         write_back="demand the torque divided by k",
     )
 

@@ -133,7 +133,7 @@ def _bounds(structure: str, moving: str, values: Mapping[str, float]) -> dict[st
 
 def _slots(structure: str, moving: str) -> dict[str, Slot]:
     hoop = {
-        "actuator": Slot("actuator", "theta"),
+        "actuator": Slot("actuator", "theta", free_gain=True),
         "hoop": Slot("body", "theta", turns=True, viscous=_hoop_friction(structure, moving)),
         "encoder": Slot("sensor", "theta", ("theta", "dtheta"), turns=True, device="encoder"),
         "external": Slot("push", "theta"),
