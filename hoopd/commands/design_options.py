@@ -19,6 +19,21 @@ from hoopd.files.reading import InputError
 
 # Every law of the hoop.
 KINDS = (*LAWS, "arx", "identified")
+# What some laws of the hoop alone are asked for.
+OF_LAWS = {
+    "recording": ("arx",),
+    "identified": ("identified",),
+    "omega_rad_s": ("pid", "pi", "lead", "lag"),
+    "mt": ("pid",),
+    "phase_deg": ("pid", "pi"),
+    "zeta": ("pi",),
+    "filter_ratio": ("pid",),
+    "lead": ("pid",),
+    "ratio": ("lead", "lag"),
+    "gain": ("lead", "lag"),
+    "poles": ("placement",),
+    "weights": ("lqg", "arx", "identified"),
+}
 WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 
@@ -26,8 +41,18 @@ WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s"
 FASTEST_RAD_S = 1e6
 
 
+def refuse_of_other_laws(options: DesignOptions) -> None:
+    """InputError for what is told and belongs to another law: it would be taken no notice of."""
+    for one in fields(DesignOptions):
+        laws = OF_LAWS.get(one.name)
+        if laws is not None and options.law not in laws and getattr(options, one.name) != one.default:
+            reason = f"is of {' and '.join(laws)}: {options.law} takes no notice of it"
+            raise InputError(option_name(DesignOptions, one.name), "", reason)
+
+
 def spec_from(options: DesignOptions) -> Spec:
     """A specification; InputError names the option whose number makes no sense."""
+    refuse_of_other_laws(options)
     read: dict[str, Any] = {"poles": poles_from(options.poles), "weights": weights_from(options.weights)}
     values: dict[str, Any] = {one.name: read.get(one.name, getattr(options, one.name, None)) for one in fields(Spec)}
     told = {name: value for name, value in values.items() if hasattr(options, name)}

@@ -109,6 +109,8 @@ def _refuse_hoops_own(options: DesignOptions) -> None:
     for one in fields(DesignOptions):
         if one.name not in ASKED and getattr(options, one.name) != one.default:
             raise InputError(option_name(DesignOptions, one.name), "", "is of the hoop's laws")
+        if one.name == "poles" and options.law != "placement" and options.poles != one.default:
+            raise InputError("--poles", "", f"is of placement: {options.law} takes no notice of it")
 
 
 def _law(linear: LinearizedPlant, options: DesignOptions, step_s: float, sizes: Mapping[str, float]) -> LinearLaw:

@@ -33,6 +33,7 @@ from hoopd.plants.declaration import Channel, Input, Plant, Slot
 from hoopd.plants.effects.base import Point
 from hoopd.plants.plant_equations import Equations
 from hoopd.plants.plant_program import program_plant
+from hoopd.recording.timeline import CLOSEST_S
 
 # Far more than a rig of a laboratory has; graphs of such a size are made in a second.
 MOST = {"coordinates": 8, "states": 20, "inputs": 8, "parameters": 100, "channels": 40, "slots": 40}
@@ -47,8 +48,8 @@ RESERVED: Mapping[str, str] = {
 LENGTH, ANGLE = "m", "rad"
 # How fast bodies of laboratory rigs go where a file does not say it, in the coordinate's unit a second.
 USUAL_RATE = {LENGTH: 1.0, ANGLE: 10.0}
-# No rig is sampled faster, s: an integration step of nothing has no end.
-SHORTEST_SAMPLE_S = 1e-6
+# No rig is sampled faster, s: rows nearer than that are no two instants.
+SHORTEST_SAMPLE_S = CLOSEST_S
 DEVICES = ("encoder", "camera")
 
 

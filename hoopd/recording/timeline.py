@@ -33,8 +33,8 @@ DRIVEN = ("RUNNING", "STOPPING")
 TORQUE_TIMES = "u_t"
 
 
-# Rows must be so many times farther apart than what counts as one instant.
-CLOSEST = 2.0 - 1e-6
+# Rows at least so far apart, s, are no one instant.
+CLOSEST_S = 2.0 * SAME_S
 
 
 class ChannelNodes(NamedTuple):
@@ -80,12 +80,20 @@ def timelines(recording: Recording) -> list[Timeline]:
         for c, d in pairwise([a, *cuts[(cuts > a) & (cuts < b)], b])
         if d - c >= 2
     ]
-    if stretches and float(np.nanmedian(np.diff(recording.t))) < CLOSEST * SAME_S:
+    if stretches and float(np.nanmedian(np.diff(recording.t))) < CLOSEST_S - 1e-3 * SAME_S:
         step = float(np.nanmedian(np.diff(recording.t)))
-        raise ValueError(f"rows are {step:.3g} s apart, and what is nearer than {SAME_S:g} s counts as one instant")
+        raise ValueError(
+            f"rows are {step:.3g} s apart, at least {CLOSEST_S:g} s are needed: {SAME_S:g} s are one instant"
+        )
     if not stretches:
         raise ValueError("no two rows in a row with time and torque" if recording.is_tick else _nothing(recording))
     return [_timeline(recording, slice(a, b)) for a, b in stretches]
+
+
+def begin_of(recording: Recording) -> float:
+    """Time of the first row, s: the `t` of equations and of effects counts from there."""
+    known = recording.t[np.isfinite(recording.t)]
+    return float(known[0]) if len(known) else 0.0
 
 
 def usual_steps(t: Array) -> Array:

@@ -322,7 +322,7 @@ def test_nothing_else_may(old: str, new: str, key: str) -> None:
         ("limit: 1000", "limit: -1", "inputs.F.limit", "above 0"),
         ("reads: x,", "reads: y,", "channels.x.reads", "unknown name 'y'"),
         ("reads: x,", "reads: x, unit: s,", "channels.x.unit", "is wrong: it reads m"),
-        ("sample_time_s: 0.001", "sample_time_s: 0", "sample_time_s", "above 1e-06"),
+        ("sample_time_s: 0.001", "sample_time_s: 0", "sample_time_s", "above 2e-06"),
         ("equations:\n  x:", "equations:\n  y:", "equations.x", "is missing"),
         ("hoopd.plant/1", "hoopd.plant/2", "schema", "Invalid enum value"),
         ("name: axis", "name: axis\nenergy: M*x'", "energy", "must be in J"),

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +126,11 @@ class Problem:
             self.sigma[name] = new
         return change
 
+    def size(self, found: Found, loss: str) -> float:
+        """How large the residuals are at a point; with a robust loss far ones count little."""
+        e = np.concatenate(self.residuals(found.p, found.starts))
+        return float(np.sum(e**2 if loss == "linear" else np.log1p(e**2)))
+
     def _stacked(self, part: dict[str, Array]) -> Array:
         e = np.concatenate([error / self.sigma[name] for name, error in part.items()])
         return np.asarray(np.clip(np.nan_to_num(e, nan=LARGEST_RESIDUAL), -LARGEST_RESIDUAL, LARGEST_RESIDUAL))
@@ -182,17 +188,13 @@ def fit_output_error(
     priors = {name: prior for name, prior in (priors or {}).items() if name in names}
     problem = Problem(system, runs, system.scale(names))
     prior = prior_of(problem.scale, priors)
-    z, starts, steps, change = np.zeros(len(names)), problem.first_starts(), 0, np.inf
-    for number in range(1, rounds + 1):
-        fine = change < SIGMA_NEAR or number == rounds
-        # a robust loss needs the end of each search: what is far off depends on sigma
-        least = max(smallest_gain, ROUGH_GAIN if loss == "linear" and not fine else 0.0)
-        found = _searched(problem, z, starts, prior, loss, least)
-        z, starts, steps = found.p, found.starts, steps + found.steps
-        progress(f"round {number}: cost {found.cost:.6g} after {steps} steps")
-        change = problem.update_sigma(problem.errors(z, starts), loss != "linear")
-        if fine and change < SIGMA_CHANGE:
-            break
+    asked = _Asked(prior, loss, rounds, smallest_gain, progress)
+    found = _in_rounds(problem, problem.first_starts(), asked)
+    if names and not found.converged:  # not worse than the parameters that were given, with starts of their own
+        given = _with_given(problem, system, asked)
+        if problem.size(given, loss) < problem.size(found, loss):
+            found = _in_rounds(problem, given.starts, asked)
+    z, starts = found.p, found.starts
     errors, jacobian = problem.derivatives(z, starts)
     fitted = dict(zip(names, problem.scale.parameters(z).tolist(), strict=True))
     return Solution(
@@ -205,10 +207,45 @@ def fit_output_error(
         residuals=errors,
         jacobian=jacobian,
         cost=found.cost,
-        steps=steps,
+        steps=found.steps,
         converged=found.converged,
         priors=priors,
     )
+
+
+class _Asked(NamedTuple):
+    """How a search is made."""
+
+    prior: tuple[Array, Array]
+    loss: str
+    rounds: int
+    smallest_gain: float
+    progress: Progress
+
+
+def _in_rounds(problem: Problem, starts: list[Array], asked: _Asked) -> Found:
+    """The search from the given parameters and these starts; the channels' deviations are estimated anew by round."""
+    z, steps, change = np.zeros(len(problem.scale.names)), 0, np.inf
+    for number in range(1, asked.rounds + 1):
+        fine = change < SIGMA_NEAR or number == asked.rounds
+        # a robust loss needs the end of each search: what is far off depends on sigma
+        least = max(asked.smallest_gain, ROUGH_GAIN if asked.loss == "linear" and not fine else 0.0)
+        found = _searched(problem, z, starts, asked.prior, asked.loss, least)
+        z, starts, steps = found.p, found.starts, steps + found.steps
+        asked.progress(f"round {number}: cost {found.cost:.6g} after {steps} steps")
+        change = problem.update_sigma(problem.errors(z, starts), asked.loss != "linear")
+        if fine and change < SIGMA_CHANGE:
+            break
+    return found._replace(steps=steps)
+
+
+def _with_given(problem: Problem, system: System, asked: _Asked) -> Found:
+    """The starts alone, of the parameters as they were given, in the problem's deviations."""
+    alone = Problem(system, problem.runs, system.scale(()))
+    alone.sigma = dict(problem.sigma)
+    nothing = prior_of(alone.scale, {})
+    found = _searched(alone, np.zeros(0), alone.first_starts(), nothing, asked.loss, asked.smallest_gain)
+    return found._replace(p=np.zeros(len(problem.scale.names)))
 
 
 def _searched(

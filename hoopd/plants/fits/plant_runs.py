@@ -21,7 +21,7 @@ from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.plants.free_run import FreeRun
 from hoopd.plants.trajectory import Trajectory
 from hoopd.recording.recording import Recording, Signal, from_signals
-from hoopd.recording.timeline import Timeline, timelines
+from hoopd.recording.timeline import Timeline, begin_of, timelines
 
 Array = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def prepare_runs(plant: Plant, recordings: Sequence[Recording], window_s: float 
 def stretches_of(plant: Plant, recording: Recording) -> list[Timeline]:
     """The recording's stretches with the plant's inputs in its order, timed from its first row, as the `t` of equations
     is; InputError names what is missing."""
-    begin = float(recording.t[0])
+    begin = begin_of(recording)
     try:
         return [part._replace(t=part.t - begin) for part in timelines(_of_plant(plant, recording))]
     except ValueError as error:

@@ -20,7 +20,7 @@ from hoopd.plants.fits.plant_fit import ChannelFit
 from hoopd.plants.fits.plant_runs import ALL, PlantSystem, inputs_of, prepare_runs
 from hoopd.plants.fits.runs import System
 from hoopd.recording.recording import Recording, Signal, from_signals
-from hoopd.recording.timeline import SAME_S, Timeline, timelines
+from hoopd.recording.timeline import SAME_S, Timeline, begin_of, timelines
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def simulate_plant(
     for name in start or {}:
         if name not in plant.states:
             raise InputError("--x0", name, f"no state of {plant.name}; known: {', '.join(plant.states)}")
-    begin = float(recording.t[0])  # equations count from there
+    begin = begin_of(recording)
     measured = any(np.isfinite(recording.channels[c].values).any() for c in plant.channels if c in recording.channels)
     whole = _with_every_sample(system, recording)
     try:

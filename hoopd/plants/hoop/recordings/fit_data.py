@@ -17,7 +17,7 @@ from hoopd.files.reading import InputError
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS, equal_stretches, not_stuck, once_at_rest
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.recording.recording import Recording
-from hoopd.recording.timeline import ChannelNodes, Timeline, timelines
+from hoopd.recording.timeline import ChannelNodes, Timeline, begin_of, timelines
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -99,7 +99,8 @@ def run_of(recording: Recording, part: Timeline, moving: str, wanted: Sequence[s
             series[name] = _rate(part, channel) if name == "theta_rate" else ChannelSeries(name, *channel)
     if sum(len(one.values) for one in series.values()) < SHORTEST_ROWS:
         return None
-    return Run(recording.source, moving, part.t, part.u, series, _start(part, moving), aside)
+    t = part.t - begin_of(recording)
+    return Run(recording.source, moving, t, part.u, series, _start(part, moving), aside)
 
 
 def _rate(part: Timeline, theta: ChannelNodes) -> ChannelSeries:

@@ -25,7 +25,7 @@ from hoopd.plants.hoop.plant import HoopPlant
 from hoopd.plants.hoop.recordings.fit_data import STATES as COLUMNS, channels_of, pieces, run_of
 from hoopd.plants.hoop.simulate import STEP_S, HoopModel
 from hoopd.recording.recording import Recording
-from hoopd.recording.timeline import SAME_S, TIMES, Timeline, timelines
+from hoopd.recording.timeline import SAME_S, TIMES, Timeline, begin_of, timelines
 
 Array = NDArray[np.float64]
 
@@ -101,13 +101,13 @@ def free_runs(
             raise InputError(
                 recording.source, "start", f"one start is given and there are {len(parts)} stretches: cut it"
             )
-        return run_from(subject, parts, [given_start(parts[0], start)], moving)
+        return run_from(subject, parts, [given_start(parts[0], start)], moving, begin_of(recording))
     channels = channels_of(moving, START_CHANNELS)
     ready = [(part, run) for part in parts if (run := run_of(recording, part, moving, channels)) is not None]
     if not ready:
         raise InputError(recording.source, ", ".join(channels), "too few samples to estimate a start: give one")
     starts = estimated_starts(subject, [run for _, run in ready], search=window_s is None)
-    runs = run_from(subject, [part for part, _ in ready], starts, moving)
+    runs = run_from(subject, [part for part, _ in ready], starts, moving, begin_of(recording))
     # a force may depend on theta: then a turned run would be another run
     return runs if subject.extra_forces or subject.effects else [_through_first_theta(run) for run in runs]
 
@@ -129,12 +129,12 @@ def given_start(part: Timeline, start: Mapping[str, float]) -> Array:
 
 
 def run_from(
-    subject: Subject, parts: Sequence[Timeline], starts: Sequence[Array], moving: str
+    subject: Subject, parts: Sequence[Timeline], starts: Sequence[Array], moving: str, begin_s: float
 ) -> list[SimulatedStretch]:
-    """The stretches simulated from these states."""
+    """The stretches simulated from these states; `begin_s`: of their recording."""
     model = subject.model(moving)
     return [
-        SimulatedStretch(part, start, model.run((), start, part.t, part.u))
+        SimulatedStretch(part, start, model.run((), start, part.t - begin_s, part.u))
         for part, start in zip(parts, starts, strict=True)
     ]
 
@@ -209,7 +209,8 @@ def simulated(subject: Subject, recording: Recording, runs: Sequence[SimulatedSt
     whole = _with_every_sample(recording)
     starts = {round(run.part.t[0] / SAME_S): run.start for run in runs}
     parts = [part for part in timelines(whole) if round(part.t[0] / SAME_S) in starts]
-    again = run_from(subject, parts, [starts[round(part.t[0] / SAME_S)] for part in parts], moving)
+    begun = [starts[round(part.t[0] / SAME_S)] for part in parts]
+    again = run_from(subject, parts, begun, moving, begin_of(recording))
     theta, dtheta, psi = (_at(again, STATES.index(n), getattr(whole, TIMES[n])) for n in ("theta", "dtheta", "psi"))
     source = f"simulated from {recording.source}"
     return whole.replaced(
