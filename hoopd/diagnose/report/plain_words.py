@@ -35,7 +35,7 @@ def plain_sentence(diagnosis: Diagnosis) -> str:
 
 def _sentence(effect: EffectFinding, diagnosis: Diagnosis, again: bool) -> str:
     """`again`: something was told of this place already."""
-    place = safe(effect.name.partition(".")[2] if effect.is_unknown else effect.slot)
+    place = _place(effect)
     there = f"Something{' else' if again else ''} is {_sure(effect)} missing at the {place}{', too' if again else ''}"
     if effect.is_unknown and lawless(diagnosis):
         near = f"{safe(effect.nearest)} would describe it best" if effect.nearest else "no known law describes it"
@@ -57,6 +57,16 @@ def _sentence(effect: EffectFinding, diagnosis: Diagnosis, again: bool) -> str:
         f"{there}; that it is {which} is {chance(law)} likely, the other {chance(1.0 - law)} "
         f"{_rest(effect, diagnosis)}."
     )
+
+
+def _place(effect: EffectFinding) -> str:
+    """Where it is; where a law of another place is not excluded, that place, too."""
+    if effect.is_unknown:
+        return safe(effect.name.partition(".")[2])
+    others = [
+        slot for slot, dot, _ in (name.partition(".") for name in effect.not_excluded) if dot and slot != "unknown"
+    ]
+    return " or the ".join(map(safe, dict.fromkeys([effect.slot, *others])))
 
 
 def _sure(effect: EffectFinding) -> str:
