@@ -317,7 +317,7 @@ def test_without_any_stream(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code"), [(f"experiment prbs {' '.join(LOCKSTEP)} --out a.mcap", 0), ("--arm", 2)]
+    ("arguments", "code"), [(f"experiment prbs {' '.join(LOCKSTEP[:-1])} 1 --out a.mcap", 0), ("--arm", 2)]
 )
 def test_without_a_standard_input(arguments: str, code: int, tmp_path: Path) -> None:
     line = f"exec {sys.executable} -m hoopd {arguments} <&-"
