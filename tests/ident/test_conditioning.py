@@ -132,3 +132,11 @@ def test_a_covariance_over_two_steps_is_that_of_two_steps() -> None:
     a, q = np.array([[0.9, 0.1], [-0.2, 0.8]]), np.array([[2.0, 0.3], [0.3, 1.0]])
     assert np.allclose(resample_covariance(a, q, 0.1, 0.2), a @ q @ a.T + q)
     assert np.allclose(resample_covariance(a @ a, a @ q @ a.T + q, 0.2, 0.1), q)
+
+
+@pytest.mark.parametrize("steps", [2, 10, 20, 100])
+def test_a_covariance_over_many_steps_of_a_fast_pole_is_the_sum_over_them(steps: int) -> None:
+    a, q = np.array([[0.9, 0.3], [0.0, 0.01]]), np.array([[1.0, 0.2], [0.2, 0.5]])
+    powers = [np.linalg.matrix_power(a, i) for i in range(steps)]
+    total = np.sum([power @ q @ power.T for power in powers], axis=0)
+    assert np.allclose(resample_covariance(a, q, 0.1, 0.1 * steps), total, rtol=1e-9)

@@ -94,6 +94,21 @@ def test_a_pole_without_a_logarithm_is_refused() -> None:
         sampling.continuous_form(Innovations(-0.5 * one, one, one, one, one, 1.0))
 
 
+@pytest.mark.parametrize("fast", [50.0, 500.0, 1e4])
+def test_noise_and_cost_of_a_pole_that_is_fast_beside_the_step_are_their_integrals(fast: float) -> None:
+    t, poles, dt = np.array([[1.0, 2.0], [3.0, 5.0]]), np.array([-1.0, -fast]), 0.1
+    inverse = np.linalg.inv(t)
+    # by eigenvectors: the integral of exp((p_i + p_j) t) is (exp((p_i + p_j) dt) - 1)/(p_i + p_j)
+    pairs = poles[:, None] + poles
+    shares = np.expm1(pairs * dt) / pairs
+    a, b, zero = t @ np.diag(poles) @ inverse, np.ones((2, 1)), np.zeros((2, 1))
+    noise = t @ (shares * (inverse @ inverse.T)) @ t.T
+    form = sampling.sampled_form(Innovations(a, b, b.T, np.zeros((1, 1)), zero, 0.0, q=np.eye(2)), dt)
+    assert form.q is not None and np.allclose(form.q, noise, rtol=1e-8)
+    cost = inverse.T @ (shares * (t.T @ t)) @ inverse
+    assert np.allclose(sampling.sampled_cost(a, b, np.eye(2), np.eye(1), dt)[0], cost, rtol=1e-8)
+
+
 def test_poles_inside_stay_where_they_are() -> None:
     a = np.diag([0.5, 0.9])
     assert np.array_equal(stabilize(a), a)
