@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.models import Innovations
+from hoopd.ident.models import Innovations, matrices_alone
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def sampled_form(form: Innovations, dt: float) -> Innovations:
         raise ValueError(f"a step is a positive time in s, not {dt:g}")
     hold = held(form.a, dt)
     return replace(
-        _matrices(form), a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
+        matrices_alone(form), a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
         q=None if form.q is None else sampled_noise(form.a, form.q, dt),
         r=None if form.r is None else form.r / dt,
         s=None if form.s is None else hold @ form.s / dt,
@@ -42,7 +42,7 @@ def continuous_form(form: Innovations) -> Innovations:
     a = _logarithm(form.a) / form.dt
     unhold = np.linalg.inv(held(a, form.dt))
     return replace(
-        _matrices(form), a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
+        matrices_alone(form), a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
         q=None if form.q is None else unsampled_noise(a, form.q, form.dt),
         r=None if form.r is None else form.r * form.dt,
         s=None if form.s is None else unhold @ form.s * form.dt,
@@ -126,11 +126,6 @@ def held(a: Array, dt: float) -> Array:
     """integral_0^dt exp(a t) dt."""
     n = len(a)
     return np.asarray(linalg.expm(np.block([[a, np.eye(n)], [np.zeros((n, 2 * n))]]) * dt)[:n, n:])
-
-
-def _matrices(form: Innovations) -> Innovations:
-    """Without what belongs to the estimate of these very matrices: the numbers of others are others."""
-    return replace(form, names=(), values=np.zeros(0), covariance=None, singular_values=None, choice=None, report=None)
 
 
 def _logarithm(a: Array) -> Array:

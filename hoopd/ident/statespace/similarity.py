@@ -1,6 +1,7 @@
 """Realisations of one model: the transform between two, balancing, truncation; the noise goes along.
 
-Rules of this file: what is done to the states is done to K, Q, S and x0 too, so the noise model stays the same.
+Rules of this file: what is done to the states is done to K, Q, S and x0 too, so the noise model stays the same, and to
+the covariance of the matrices, so what follows from them is as well known as before; what is a part is no estimate.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.models import Innovations
+from hoopd.ident.models import Innovations, matrices_alone
+from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.linear import radius
 
 Array = NDArray[np.float64]
@@ -79,7 +81,7 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
     Returns
     -------
     model : Innovations
-        The balanced realisation.
+        The balanced realisation, the covariance of its matrices with it.
     singular_values : ndarray, shape (nx,)
         Largest first.
 
@@ -110,7 +112,7 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
         raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduced`)")
     half = 1.0 / np.sqrt(s)
     t, inverse = reach @ vt.T * half, (half[:, None] * u.T) @ see.T
-    return _projected(model, t, inverse), s
+    return in_states(model, t, inverse), s
 
 
 def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovations:
@@ -128,7 +130,7 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     Returns
     -------
     Innovations
-        The smaller model.
+        The smaller model, without a covariance: it is no estimate of the data.
 
     Raises
     ------
@@ -152,7 +154,7 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
     u, s, vt = linalg.svd(see.T @ reach)
     half = 1.0 / np.sqrt(s[:order])
-    return _projected(model, reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
+    return _projected(matrices_alone(model), reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
 
 
 def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:
@@ -190,8 +192,21 @@ def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innov
     )  # fmt: skip
 
 
+def in_states(model: Innovations, t: Array, inverse: Array) -> Innovations:
+    """The same model in the states z = inverse x, x = t z, its estimate's numbers with it; for code of this room."""
+    moved = _projected(model, t, inverse)
+    # the slow states of a disturbance are the last ones no more, where the data would be asked for a covariance
+    known = model.choice is None or model.choice.disturbance is None
+    moved = replace(moved, choice=model.choice if known else None)
+    if model.covariance is None or not coordinates.of_matrices(model):
+        return moved
+    change = coordinates.in_other_states(model, t, inverse)
+    values = coordinates.values(moved) if len(model.values) else model.values
+    return replace(moved, values=values, covariance=change @ model.covariance @ change.T)
+
+
 def _projected(model: Innovations, t: Array, inverse: Array) -> Innovations:
-    """x = t z, z = inverse x; fewer columns of t than states truncate."""
+    """The matrices, x = t z, z = inverse x; fewer columns of t than states truncate."""
     return replace(
         model, a=inverse @ model.a @ t, b=inverse @ model.b, c=model.c @ t, k=inverse @ model.k,
         q=None if model.q is None else inverse @ model.q @ inverse.T,

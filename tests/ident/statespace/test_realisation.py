@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control as ct
 import numpy as np
 import pytest
 from harness.identcriteria import realisation as criteria
 from harness.identcriteria.statespacesets import made, mimo4, random_model, responses
+from scipy.signal import lfilter
 
 from hoopd.ident.checks import IdentificationWarning
-from hoopd.ident.data import iddata
+from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace import sampling, similarity
+from hoopd.ident.statespace import coordinates, sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
 from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response
 from hoopd.ident.statespace.okid import okid
+from hoopd.ident.statespace.pem import pem
 from hoopd.ident.statespace.stabilise import bounded, stabilize
+from hoopd.ident.statespace.subspace import subspaceid
+from hoopd.ident.statespace.uncertainty import pole_covariance, response_covariance
 
 
 @pytest.mark.parametrize("number", [20, 21, 22, 33, 34, 35, 36, 37, 41])
@@ -80,6 +86,30 @@ def test_truncation_keeps_what_matters_and_refuses_unstable_models() -> None:
     unstable = Innovations(a + 0.2 * np.eye(3), model.b, model.c, model.d, model.k, 1.0)
     with pytest.raises(ValueError, match="stable"):
         similarity.balance(unstable)
+
+
+def noisy(seed: int = 0) -> Data:
+    """Two poles, one input, 600 samples."""
+    u, e = np.random.default_rng(seed).standard_normal((2, 600))
+    return iddata(lfilter([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], u) + 0.3 * e, u, 0.1)
+
+
+@pytest.mark.parametrize("fit", [pem, subspaceid])
+def test_what_is_known_of_a_response_does_not_depend_on_the_states(fit: Any) -> None:
+    model, w = fit(noisy(), 2), [0.5, 3.0, 10.0]
+    others = (model.transformed(np.array([[10.0, 3.0], [0.0, 0.2]])), similarity.balance(model)[0])
+    sure = response_covariance(model, w)
+    poles = pole_covariance(model)
+    for other in others:
+        assert np.allclose(response_covariance(other, w), sure, rtol=1e-6)
+        order = [int(np.abs(poles[0] - one).argmin()) for one in pole_covariance(other)[0]]
+        assert np.allclose(pole_covariance(other)[1], poles[1][order], rtol=1e-6)
+        assert not len(other.values) or np.array_equal(other.values, coordinates.values(other))
+
+
+def test_a_truncated_model_is_no_estimate_of_the_data() -> None:
+    small = similarity.reduce(pem(noisy(), 2), 1)
+    assert small.covariance is None and small.names == () and small.report is None and not small.deviations()
 
 
 def test_channels_of_a_model_are_its_part() -> None:
