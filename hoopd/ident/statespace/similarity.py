@@ -170,7 +170,9 @@ def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innov
     Returns
     -------
     Innovations
-        The smaller model; its gain is kept where all outputs are (another needs a new one).
+        The smaller model; its gain is kept where all outputs are, in any order (another needs a new one). The
+        covariance of its matrices is that part of the model's (`pem`'s; `subspaceid`'s follows from all channels
+        together, and a part has none); it has no report of the fit.
 
     Examples
     --------
@@ -181,12 +183,27 @@ def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innov
     >>> part.b, part.c
     (array([[2.]]), array([[3.]]))
     """
-    whole = outputs == list(range(model.ny))
-    pick = np.ix_(outputs, outputs)
+    part = _picked(matrices_alone(model), list(outputs), list(inputs))
+    if model.covariance is None or not coordinates.of_matrices(model):
+        return part
+    # each entry of the part as its number in the full vector, from 1 on; 0 is a gain that was left out
+    count = len(coordinates.values(model))
+    numbers = coordinates.with_values(model, np.arange(1.0, count + 1.0))
+    place = coordinates.values(_picked(numbers, list(outputs), list(inputs))).astype(int)
+    known = np.zeros((count + 1, count + 1))
+    known[1:, 1:] = model.covariance
+    return replace(
+        part, names=coordinates.names(part), values=coordinates.values(part), covariance=known[np.ix_(place, place)]
+    )  # fmt: skip
+
+
+def _picked(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:
+    whole = sorted(outputs) == list(range(model.ny))
     return replace(
         model, b=model.b[:, inputs], c=model.c[outputs], d=model.d[np.ix_(outputs, inputs)],
-        k=model.k if whole else np.zeros((model.nx, len(outputs))),
-        r=None if model.r is None else model.r[pick], s=None if model.s is None else model.s[:, outputs],
+        k=model.k[:, outputs] if whole else np.zeros((model.nx, len(outputs))),
+        r=None if model.r is None else model.r[np.ix_(outputs, outputs)],
+        s=None if model.s is None else model.s[:, outputs],
         inputs=tuple(model.inputs[i] for i in inputs) if model.inputs else (),
         outputs=tuple(model.outputs[i] for i in outputs) if model.outputs else (),
     )  # fmt: skip

@@ -12,8 +12,10 @@ from harness.identcriteria.statespacesets import made, mimo4, random_model, resp
 from scipy.signal import lfilter
 
 from hoopd.ident.checks import IdentificationWarning
+from hoopd.ident.confidence import pole_spread, response_spread
 from hoopd.ident.data import Data, iddata
 from hoopd.ident.models import Innovations
+from hoopd.ident.prediction import predict
 from hoopd.ident.statespace import coordinates, sampling, similarity
 from hoopd.ident.statespace.era import era, era_of_data
 from hoopd.ident.statespace.frequencysubspace import frequency_subspace, from_response
@@ -116,6 +118,35 @@ def test_channels_of_a_model_are_its_part() -> None:
     model = mimo4()
     w = np.linspace(0.1, 3.0, 5)
     assert np.allclose(responses(similarity.channels(model, [2, 0], [1]), w), responses(model, w)[:, [2, 0]][:, :, [1]])
+
+
+def two_outputs() -> Data:
+    """One input that moves both outputs, and one that moves nothing."""
+    rng = np.random.default_rng(0)
+    u, e = rng.standard_normal((600, 2)), rng.standard_normal((600, 2))
+    slow, fast = lfilter([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], u[:, 0]), lfilter([0.0, 1.0], [1.0, -0.5], u[:, 0])
+    return iddata(np.column_stack([slow + 0.3 * e[:, 0], fast + 0.1 * e[:, 1]]), u, 0.1)
+
+
+def test_a_part_of_an_estimate_is_as_well_known_as_in_the_whole() -> None:
+    model, w = pem(two_outputs(), 3), [0.5, 3.0]
+    known = response_covariance(model, w)
+    for outputs, inputs in (([0], [0]), ([1, 0], [0, 1]), ([1], [1])):
+        part = similarity.channels(model, outputs, inputs)
+        assert np.allclose(response_covariance(part, w), known[:, outputs][:, :, inputs], rtol=1e-9)
+        assert np.allclose(pole_covariance(part)[1], pole_covariance(model)[1], rtol=1e-9)
+        assert part.report is None and set(part.deviations()) == set(coordinates.names(part)) and str(part)
+
+
+def test_outputs_in_another_order_keep_their_gain() -> None:
+    model, data = pem(two_outputs(), 3), two_outputs()
+    turned = similarity.channels(model, [1, 0], [0, 1])
+    assert np.allclose(predict(turned, data.channels([1, 0], [0, 1])), predict(model, data)[:, [1, 0]])
+
+
+def test_a_part_of_a_subspace_estimate_has_no_covariance_of_other_channels() -> None:
+    part = similarity.channels(subspaceid(two_outputs(), 3), [0], [0])
+    assert pole_spread(part) is None and response_spread(part, [0.5]) is None and "pole" in str(part)
 
 
 def test_a_pole_without_a_logarithm_is_refused() -> None:
