@@ -11,7 +11,8 @@ from scipy import signal
 
 from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.models import Polynomials
+from hoopd.ident.models import Innovations, Polynomials
+from hoopd.ident.resampling import c2d
 from hoopd.ident.spectral import coherence, correlation, power_spectrum, tfest
 from hoopd.ident.spectrogram import model_spectrum, noise_spectrum
 
@@ -161,3 +162,12 @@ def test_segments_are_not_stacked_in_memory() -> None:
     tracemalloc.stop()
     # the record twice or thrice, not once for each of its thousand segments
     assert peak < 8 * (data.nu + data.ny) * data.n * 5
+
+
+def test_a_continuous_model_has_the_spectrum_that_its_samples_have_far_below_their_rate() -> None:
+    one = np.ones((1, 1))
+    lag = Innovations(-2.0 * one, one, one, 0.0 * one, 3.0 * one, 0.0, r=0.1 * one)
+    w = np.array([0.1, 1.0, 10.0])
+    found = noise_spectrum(lag, w)[:, 0, 0]
+    assert np.allclose(found, 0.1 * np.abs((1j * w + 5.0) / (1j * w + 2.0)) ** 2)
+    assert np.allclose(noise_spectrum(c2d(lag, 1e-3), w)[:, 0, 0], found, rtol=0.01)

@@ -74,7 +74,7 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
     Parameters
     ----------
     model : Innovations
-        A stable, minimal model.
+        A stable, minimal model, sampled or continuous (dt = 0).
     noise : bool
         Whether the innovations count as inputs too, so that what only the noise moves is not called small.
 
@@ -102,11 +102,7 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
     >>> balance(model)[1].round(2)  # the second state does little
     array([5.29, 0.08])
     """
-    if radius(model.a) >= 1.0:
-        raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
-    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
-    reach = _root(linalg.solve_discrete_lyapunov(model.a, into @ into.T))
-    see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    reach, see = _gramian_roots(model, noise)
     u, s, vt = linalg.svd(see.T @ reach)
     if s[-1] <= 1e-14 * s[0]:
         raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduced`)")
@@ -121,7 +117,7 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     Parameters
     ----------
     model : Innovations
-        A stable model.
+        A stable model, sampled or continuous (dt = 0).
     order : int
         States that are kept.
     noise : bool
@@ -147,14 +143,25 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     """
     if not 0 < order <= model.nx:
         raise ValueError(f"order {order} of a model with {model.nx} states")
-    if radius(model.a) >= 1.0:
-        raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
-    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
-    reach = _root(linalg.solve_discrete_lyapunov(model.a, into @ into.T))
-    see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    reach, see = _gramian_roots(model, noise)
     u, s, vt = linalg.svd(see.T @ reach)
     half = 1.0 / np.sqrt(s[:order])
     return _projected(matrices_alone(model), reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
+
+
+def _gramian_roots(model: Innovations, noise: bool) -> tuple[Array, Array]:
+    """Roots of the gramians of what reaches the states and of what is seen of them."""
+    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
+    if model.dt:
+        if radius(model.a) >= 1.0:
+            raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
+        reach = linalg.solve_discrete_lyapunov(model.a, into @ into.T)
+        return _root(reach), _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    rate = float(np.linalg.eigvals(model.a).real.max(initial=-np.inf))
+    if rate >= 0.0:
+        raise ValueError(f"a pole of real part {rate:.6g} 1/s: gramians are for stable models")
+    reach = linalg.solve_continuous_lyapunov(model.a, -into @ into.T)
+    return _root(reach), _root(linalg.solve_continuous_lyapunov(model.a.T, -model.c.T @ model.c))
 
 
 def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:

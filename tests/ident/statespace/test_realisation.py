@@ -90,6 +90,30 @@ def test_truncation_keeps_what_matters_and_refuses_unstable_models() -> None:
         similarity.balance(unstable)
 
 
+def test_a_continuous_model_is_balanced_and_truncated_by_its_own_gramians() -> None:
+    one = np.ones((1, 1))
+    for rate in (0.5, 5.0):  # 1/(s + p): both gramians are 1/(2 p)
+        assert similarity.balance(Innovations(-rate * one, one, one, 0.0 * one, 0.0 * one, 0.0))[1] == pytest.approx(
+            [0.5 / rate]
+        )
+    a = np.array([[-1.0, 2.0, 0.3], [-2.0, -1.0, 0.1], [0.0, 0.2, -40.0]])
+    b, c = np.array([[1.0], [0.5], [0.2]]), np.array([[1.0, 0.0, 0.3]])
+    model = Innovations(a, b, c, np.zeros((1, 1)), np.zeros((3, 1)), 0.0)
+    balanced, values = similarity.balance(model)
+    t = np.linspace(0.0, 40.0, 400_001)
+    w = np.geomspace(0.01, 100.0, 30)
+    assert np.allclose(balanced.system(1j * w), model.system(1j * w))
+    # the integral of exp(A t) B B' exp(A' t), by eigenvectors along the time
+    poles, vectors = np.linalg.eig(balanced.a)
+    x = (vectors @ (np.linalg.solve(vectors, balanced.b) * np.exp(np.outer(poles, t)))).real
+    assert np.allclose(np.trapezoid(x[:, None] * x, t, axis=-1), np.diag(values), atol=1e-6)
+    small = similarity.reduce(model, 2)
+    error = np.abs(small.system(1j * w) - model.system(1j * w)).max()
+    assert small.dt == 0.0 and error <= 2.0 * values[2] * (1.0 + 1e-6)
+    with pytest.raises(ValueError, match="real part 1 1/s"):
+        similarity.balance(Innovations(one, one, one, 0.0 * one, 0.0 * one, 0.0))
+
+
 def noisy(seed: int = 0) -> Data:
     """Two poles, one input, 600 samples."""
     u, e = np.random.default_rng(seed).standard_normal((2, 600))
