@@ -75,6 +75,23 @@ def test_a_spectrum_integrates_to_the_variance_within_its_interval() -> None:
     assert np.mean(inside) == pytest.approx(0.95, abs=0.04)
 
 
+def test_bounds_hold_where_the_transform_is_real_as_often_as_elsewhere() -> None:
+    """At 0 and at half the sampling frequency: intervals hold the truth, and unrelated channels stay below chance."""
+    count = 200
+    held, below, by_pairs = np.zeros(51), np.zeros(51), np.zeros(51)
+    for seed in range(count):
+        y, u, other = np.random.default_rng(seed).standard_normal((3, 2000))
+        found = power_spectrum(iddata(y, dt=1.0), segment=100)
+        held += (found.low[:, 0] < 1.0) & (found.high[:, 0] > 1.0)
+        two = iddata(y, np.column_stack([u, other]), 1.0)
+        together, apart = coherence(two, segment=100), coherence(two, segment=100, pairs=True)
+        below += (together.values < together.chance)[:, 0]
+        by_pairs += (apart.values < apart.chance)[:, 0, 0]
+    for share in (held, below, by_pairs):
+        assert share[[0, -1]].mean() / count == pytest.approx(0.95, abs=0.025)
+        assert share[2:-2].mean() / count == pytest.approx(0.95, abs=0.015)
+
+
 def test_correlations_find_a_shift_and_stay_within_bounds_elsewhere() -> None:
     u = np.random.default_rng(5).standard_normal(4000)
     found = correlation(np.roll(u, 7), u, 40)
