@@ -144,7 +144,7 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
     >>> found.noise.frdata.real.mean().round(3).item()  # variance times dt: 0.025
     0.025
     """
-    if isinstance(method, int):
+    if isinstance(method, int | np.integer):
         raise TypeError(
             "this is the spectral estimate; a transfer function of so many poles is srivc(data, poles, zeros)"
         )
