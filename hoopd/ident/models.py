@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.estimation_report import EstimationReport
 from hoopd.ident.identified_model import IdentifiedModel
+from hoopd.ident.statespace.change_of_states import in_states
 from hoopd.ident.statespace.structure_choice import StructureChoice
 
 if TYPE_CHECKING:
@@ -253,8 +254,6 @@ class Innovations(IdentifiedModel):
 
     def transformed(self, t: Array) -> Innovations:
         """In the states T^-1 x; the covariance of the matrices goes along."""
-        from hoopd.ident.statespace.similarity import in_states
-
         return in_states(self, t, np.asarray(np.linalg.inv(t)))
 
 

@@ -47,12 +47,6 @@ def values(model: Innovations) -> Array:
     return np.concatenate([getattr(model, letter).ravel() for letter, _ in shapes(model)])
 
 
-def of_matrices(model: Innovations) -> bool:
-    """Whether the model's covariance is that of the full vector, and not of parameters behind it."""
-    full = names(model)
-    return model.covariance is not None and len(model.covariance) == len(full) and model.names in ((), full)
-
-
 def with_values(model: Innovations, full: Array) -> Innovations:
     """The model with other matrices."""
     parts: dict[str, Any] = {}
@@ -112,16 +106,6 @@ def joined(first: Directions, second: Directions) -> Directions:
     """Both sets of directions."""
     pairs = [(getattr(first, x), getattr(second, x)) for x in ("a", "b", "c", "d", "k", "x0")]
     return Directions(*(np.concatenate(pair) for pair in pairs))
-
-
-def in_other_states(model: Innovations, t: Array, inverse: Array) -> Array:
-    """(full, full): what a small change of the full vector becomes in the states T^-1 x, A' = T^-1 A T and so on."""
-    ny, nu = model.ny, model.nu
-    # row by row, L X R is (L kron R') x
-    of_b, of_k = (np.kron(inverse, np.eye(count)) for count in (nu, ny))
-    return np.asarray(
-        linalg.block_diag(np.kron(inverse, t.T), of_b, np.kron(np.eye(ny), t.T), np.eye(ny * nu), of_k), float
-    )
 
 
 def _mask(model: Innovations, free: Freedom) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from scipy import linalg
 
 from hoopd.ident.models import Innovations, matrices_alone
 from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.change_of_states import covariance_of_matrices, in_states, projected
 from hoopd.ident.statespace.linear import radius
 
 Array = NDArray[np.float64]
@@ -105,7 +106,7 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
     reach, see = _gramian_roots(model, noise)
     u, s, vt = linalg.svd(see.T @ reach)
     if s[-1] <= 1e-14 * s[0]:
-        raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduced`)")
+        raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduce`)")
     half = 1.0 / np.sqrt(s)
     t, inverse = reach @ vt.T * half, (half[:, None] * u.T) @ see.T
     return in_states(model, t, inverse), s
@@ -146,7 +147,7 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     reach, see = _gramian_roots(model, noise)
     u, s, vt = linalg.svd(see.T @ reach)
     half = 1.0 / np.sqrt(s[:order])
-    return _projected(matrices_alone(model), reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
+    return projected(matrices_alone(model), reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
 
 
 def _gramian_roots(model: Innovations, noise: bool) -> tuple[Array, Array]:
@@ -191,14 +192,15 @@ def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innov
     (array([[2.]]), array([[3.]]))
     """
     part = _picked(matrices_alone(model), list(outputs), list(inputs))
-    if model.covariance is None or not coordinates.of_matrices(model):
+    covariance = covariance_of_matrices(model)
+    if covariance is None:
         return part
     # each entry of the part as its number in the full vector, from 1 on; 0 is a gain that was left out
     count = len(coordinates.values(model))
     numbers = coordinates.with_values(model, np.arange(1.0, count + 1.0))
     place = coordinates.values(_picked(numbers, list(outputs), list(inputs))).astype(int)
     known = np.zeros((count + 1, count + 1))
-    known[1:, 1:] = model.covariance
+    known[1:, 1:] = covariance
     return replace(
         part, names=coordinates.names(part), values=coordinates.values(part), covariance=known[np.ix_(place, place)]
     )  # fmt: skip
@@ -213,29 +215,6 @@ def _picked(model: Innovations, outputs: list[int], inputs: list[int]) -> Innova
         s=None if model.s is None else model.s[:, outputs],
         inputs=tuple(model.inputs[i] for i in inputs) if model.inputs else (),
         outputs=tuple(model.outputs[i] for i in outputs) if model.outputs else (),
-    )  # fmt: skip
-
-
-def in_states(model: Innovations, t: Array, inverse: Array) -> Innovations:
-    """The same model in the states z = inverse x, x = t z, its estimate's numbers with it; for code of this room."""
-    moved = _projected(model, t, inverse)
-    # the slow states of a disturbance are the last ones no more, where the data would be asked for a covariance
-    known = model.choice is None or model.choice.disturbance is None
-    moved = replace(moved, choice=model.choice if known else None)
-    if model.covariance is None or not coordinates.of_matrices(model):
-        return moved
-    change = coordinates.in_other_states(model, t, inverse)
-    values = coordinates.values(moved) if len(model.values) else model.values
-    return replace(moved, values=values, covariance=change @ model.covariance @ change.T)
-
-
-def _projected(model: Innovations, t: Array, inverse: Array) -> Innovations:
-    """The matrices, x = t z, z = inverse x; fewer columns of t than states truncate."""
-    return replace(
-        model, a=inverse @ model.a @ t, b=inverse @ model.b, c=model.c @ t, k=inverse @ model.k,
-        q=None if model.q is None else inverse @ model.q @ inverse.T,
-        s=None if model.s is None else inverse @ model.s,
-        x0=None if model.x0 is None else inverse @ model.x0,
     )  # fmt: skip
 
 
