@@ -134,12 +134,17 @@ def ramp_in(data: Data, samples: int) -> Data:
     data : Data
         One experiment.
     samples : int
-        Length of the ramp; one or none does nothing.
+        Length of the ramp, up to that of the data; one or none does nothing.
 
     Returns
     -------
     Data
         The result.
+
+    Raises
+    ------
+    ValueError
+        A ramp that is longer than the data.
 
     Examples
     --------
@@ -148,7 +153,7 @@ def ramp_in(data: Data, samples: int) -> Data:
     >>> ramp_in(iddata(np.ones(6)), 3).y[:, 0]
     array([0. , 0.5, 1. , 1. , 1. , 1. ])
     """
-    return _faded(data, np.concatenate([np.linspace(0.0, 1.0, samples), np.ones(data.n - samples)]), samples)
+    return _faded(data, samples)
 
 
 def ramp_out(data: Data, samples: int) -> Data:
@@ -159,12 +164,17 @@ def ramp_out(data: Data, samples: int) -> Data:
     data : Data
         One experiment.
     samples : int
-        Length of the ramp; one or none does nothing.
+        Length of the ramp, up to that of the data; one or none does nothing.
 
     Returns
     -------
     Data
         The result.
+
+    Raises
+    ------
+    ValueError
+        A ramp that is longer than the data.
 
     Examples
     --------
@@ -173,12 +183,16 @@ def ramp_out(data: Data, samples: int) -> Data:
     >>> ramp_out(iddata(np.ones(6)), 3).y[:, 0]
     array([1. , 1. , 1. , 1. , 0.5, 0. ])
     """
-    return _faded(data, np.concatenate([np.ones(data.n - samples), np.linspace(1.0, 0.0, samples)]), samples)
+    return _faded(data, samples, backwards=True)
 
 
-def _faded(data: Data, gain: Array, samples: int) -> Data:
+def _faded(data: Data, samples: int, *, backwards: bool = False) -> Data:
+    if samples > data.n:
+        raise ValueError(f"a ramp over {samples} samples is longer than the data, which have {data.n}")
     if samples <= 1:
         return data
+    gain = np.concatenate([np.linspace(0.0, 1.0, samples), np.ones(data.n - samples)])
+    gain = gain[::-1] if backwards else gain
     return with_values(data, data.y * gain[:, None], data.u * gain[:, None], data.x)
 
 

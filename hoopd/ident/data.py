@@ -296,10 +296,16 @@ def driving_data(given: Any, ny: int, nu: int, dt: float | None) -> Data:
         raise TypeError(f"data (iddata) or an input array is wanted, not a {type(given).__name__}") from None
     if dt is None:
         raise ValueError("an array has no step and the model neither: give iddata(y, u, dt)")
+    u = input_rows(u, nu)
+    return iddata(np.full((len(u), ny), np.nan), u, dt, time_axis=0)
+
+
+def input_rows(u: Array, nu: int) -> Array:
+    """(n, nu) of a model's inputs in either layout, (n, nu) or (nu, n), or (n,) of one; rows where both would do."""
     u = u[:, None] if u.ndim == 1 and nu == 1 else u.T if u.ndim == 2 and u.shape[1] != nu == u.shape[0] else u
     if u.ndim != 2 or u.shape[1] != nu:
         raise ValueError(f"the input of a model of {nu} inputs is (n, {nu}) or ({nu}, n), not {u.shape}")
-    return iddata(np.full((len(u), ny), np.nan), u, dt, time_axis=0)
+    return u
 
 
 def _by_samples(given: Mapping[str, Array], time_axis: int | None) -> dict[str, Array]:

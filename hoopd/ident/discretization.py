@@ -36,7 +36,8 @@ def d2c(system: Lti, method: str = "zoh", prewarp_w: float | None = None) -> Lti
     zoh     [[A, B], [0, I]] = exp([[a, b], [0, 0]] h), solved by the matrix logarithm (no pole at or left of 0)
     tustin  s = g (z - 1)/(z + 1), g = 2/h or w/tan(w h/2) (no pole at -1)
     """
-    if not isinstance(system.dt, float) or system.dt <= 0.0:
+    # True is discrete without a sample time
+    if isinstance(system.dt, bool) or not system.dt or system.dt < 0.0:
         raise ValueError("needs a discrete system with a sample time")
     ss = control.ss(system)
     if method == "zoh":

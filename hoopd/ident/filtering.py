@@ -188,7 +188,8 @@ def resample_system(system: Any, dt: float) -> ct.StateSpace | ct.TransferFuncti
     Raises
     ------
     ValueError
-        A pole at or left of 0 (a delay, an alias): no real continuous system has it.
+        A pole at or left of 0 (a delay, an alias): no real continuous system has it; a system that is continuous or has
+        no sample time.
 
     Examples
     --------

@@ -1,6 +1,7 @@
 """What comes after the last sample: outputs for inputs that are planned, with the standard error of what is foretold.
 
-Rules of this file: the state at the end of the data is the predictor's; what the parameters leave open is not counted.
+Rules of this file: the state at the end of the data is the predictor's, and as sure as the outputs before it make it;
+what the parameters leave open is not counted.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hoopd.ident.data import Data
+from hoopd.ident.data import Data, input_rows
+from hoopd.ident.models import Innovations
 from hoopd.ident.prediction import matched, predict_states
 
 Array = NDArray[np.float64]
@@ -28,7 +30,8 @@ def forecast(model: Any, data: Data, samples: int, u: ArrayLike | None = None) -
     """Foretell the outputs that follow data, from inputs that are planned.
 
     The predictor follows the data to their end; from there on the model runs alone. Its error grows with the noise that
-    is still to come, C A^j K e; that of the parameters is not in it.
+    is still to come, C A^j K e, and with the noise of outputs that are missing, which the predictor did not see; those
+    of the parameters and of the initial state are not in it.
 
     Parameters
     ----------
@@ -38,7 +41,7 @@ def forecast(model: Any, data: Data, samples: int, u: ArrayLike | None = None) -
         One experiment, whose end is the beginning.
     samples : int
         How many follow.
-    u : array_like, shape (samples,) or (samples, nu), optional
+    u : array_like, shape (samples,), (samples, nu) or (nu, samples), optional
         The inputs then; left out where the model has none.
 
     Returns
@@ -69,20 +72,37 @@ def forecast(model: Any, data: Data, samples: int, u: ArrayLike | None = None) -
     own = matched(model, data)
     if samples < 1:
         raise ValueError(f"a forecast is of one sample at least, not of {samples}")
-    planned = np.zeros((samples, 0)) if u is None else np.asarray(u, dtype=float).reshape(samples, -1)
-    if planned.shape[1] != own.nu:
-        raise ValueError(f"a forecast wants {samples} values of each of the {own.nu} inputs, not {planned.shape[1]}")
+    planned = _planned(u, samples, own.nu)
     said, states = predict_states(own, data)
     last = data.n - 1
     x = own.a @ states[last] + own.b @ data.u[last] + own.k @ np.nan_to_num(data.y[last] - said[last])
     y, spread = np.empty((samples, own.ny)), np.empty((samples, own.ny))
-    noise, carried = None if own.r is None else np.asarray(own.r), own.k
-    total = np.zeros((own.ny, own.ny)) if noise is None else noise.copy()
+    noise = np.zeros((own.ny, own.ny)) if own.r is None else np.asarray(own.r)
+    p, entering = _state_covariance(own, data.y, noise), own.k @ noise @ own.k.T
     for i in range(samples):
-        y[i], spread[i] = own.c @ x + own.d @ planned[i], np.sqrt(np.diag(total))
-        x = own.a @ x + own.b @ planned[i]
-        if noise is not None:
-            late = own.c @ carried
-            total, carried = total + late @ noise @ late.T, own.a @ carried
+        y[i], spread[i] = own.c @ x + own.d @ planned[i], np.sqrt(np.diag(own.c @ p @ own.c.T + noise))
+        x, p = own.a @ x + own.b @ planned[i], own.a @ p @ own.a.T + entering
     t = data.t[-1] + data.dt * np.arange(1, samples + 1)
-    return OutputForecast(t, y, None if noise is None else spread)
+    return OutputForecast(t, y, None if own.r is None else spread)
+
+
+def _planned(u: ArrayLike | None, samples: int, nu: int) -> Array:
+    """(samples, nu)."""
+    given = np.zeros((samples, 0)) if u is None else np.asarray(u, dtype=float)
+    given = given.reshape(1, -1) if samples == 1 and given.ndim < 2 else given
+    planned = given if u is None else input_rows(given, nu)
+    if planned.shape != (samples, nu):
+        raise ValueError(f"a forecast wants {samples} values of each of the {nu} inputs, not {given.shape}")
+    return planned
+
+
+def _state_covariance(model: Innovations, y: Array, noise: Array) -> Array:
+    """(nx, nx) of the predictor's state after outputs y (n, ny), NaN where one is missing and corrects nothing."""
+    a, c, k = model.a, model.c, model.k
+    p = np.zeros_like(a)
+    gaps = np.isnan(y)
+    for missing in gaps[int(gaps.any(axis=1).argmax()) :] if gaps.any() else ():
+        # x - xhat goes on by a - k M c, M the outputs that are there; the noise of the others comes in unseen
+        free, unseen = a - (k * ~missing) @ c, k * missing
+        p = free @ p @ free.T + unseen @ noise @ unseen.T
+    return p

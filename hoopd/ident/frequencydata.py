@@ -311,7 +311,7 @@ def feedback(forward: Lti, back: Lti | float = 1.0, sign: int = -1, w: ArrayLike
     if axis is None:
         raise ValueError("two systems without frequencies: give w")
     g = frequency_response(forward, axis)
-    number = isinstance(back, int | float)
+    number = isinstance(back, int | float | np.number)
     k = back * np.eye(g.ninputs, g.noutputs)[None] if number else _first(frequency_response(back, axis).frdata)
     if k.shape[1:] != (g.ninputs, g.noutputs):
         raise ValueError(f"the loop of {g.noutputs} outputs and {g.ninputs} inputs is closed by {k.shape[1:]}")

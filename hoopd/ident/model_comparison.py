@@ -87,7 +87,7 @@ def compare(
     held = experiments(validation)
     fitted = [] if estimation is None else experiments(estimation)
     y = np.concatenate([one.y for one in held])
-    found, ahead = ModelComparison(), [horizons] if isinstance(horizons, int | float) else [*horizons]
+    found, ahead = ModelComparison(), [horizons] if isinstance(horizons, int | float | np.number) else [*horizons]
     for name, model in named_models(models).items():
         with np.errstate(over="ignore", invalid="ignore"):
             said = {h: np.concatenate([predict(model, one, h, x0) for one in held]) for h in ahead}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hoopd.ident.estimation_report import EstimationReport
 from hoopd.ident.identified_model import IdentifiedModel
+from hoopd.ident.statespace.change_of_states import in_states
 from hoopd.ident.statespace.structure_choice import StructureChoice
 
 if TYPE_CHECKING:
@@ -252,18 +253,15 @@ class Innovations(IdentifiedModel):
         )
 
     def transformed(self, t: Array) -> Innovations:
-        """In the states T^-1 x."""
-        inverse = np.linalg.inv(t)
-        return replace(
-            self,
-            a=inverse @ self.a @ t,
-            b=inverse @ self.b,
-            c=self.c @ t,
-            k=inverse @ self.k,
-            q=None if self.q is None else inverse @ self.q @ inverse.T,
-            s=None if self.s is None else inverse @ self.s,
-            x0=None if self.x0 is None else inverse @ self.x0,
-        )
+        """In the states T^-1 x; the covariance of the matrices goes along."""
+        return in_states(self, t, np.asarray(np.linalg.inv(t)))
+
+
+def matrices_alone(model: Innovations) -> Innovations:
+    """Without what belongs to the estimate of these very matrices: the numbers of others are others."""
+    return replace(
+        model, names=(), values=np.zeros(0), covariance=None, singular_values=None, choice=None, report=None
+    )  # fmt: skip
 
 
 def response_at(model: Innovations, z: NDArray[np.complex128]) -> NDArray[np.complex128]:

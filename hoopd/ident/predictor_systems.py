@@ -34,6 +34,11 @@ def predictor_system(model: Any, horizon: float = 1) -> ct.StateSpace:
     control.StateSpace
         Inputs u, then y; outputs yhat.
 
+    Raises
+    ------
+    ValueError
+        A horizon that is none; one in samples of a continuous model.
+
     Examples
     --------
     >>> import numpy as np
@@ -50,6 +55,10 @@ def predictor_system(model: Any, horizon: float = 1) -> ct.StateSpace:
         b, d = np.hstack([own.b, np.zeros_like(own.k)]), np.hstack([own.d, np.zeros((own.ny, own.ny))])
         return ct.StateSpace(own.a, b, own.c, d, own.dt)
     held = whole_horizon(horizon) - 1
+    if not own.dt:
+        raise ValueError(
+            "a horizon is in samples and a continuous model has none: c2d(model, dt) first, or horizon=inf (simulation)"
+        )
     shift = np.eye(own.ny * held, k=-own.ny)
     first = np.eye(own.ny * held, own.ny)
     # e = y - c x - d u enters the line of the last ones
@@ -74,6 +83,11 @@ def error_system(model: Any, horizon: float = 1) -> ct.StateSpace:
     -------
     control.StateSpace
         Inputs u, then y; outputs y - yhat.
+
+    Raises
+    ------
+    ValueError
+        A horizon that is none; one in samples of a continuous model.
 
     Examples
     --------

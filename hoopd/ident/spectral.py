@@ -144,7 +144,7 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
     >>> found.noise.frdata.real.mean().round(3).item()  # variance times dt: 0.025
     0.025
     """
-    if isinstance(method, int):
+    if isinstance(method, int | np.integer):
         raise TypeError(
             "this is the spectral estimate; a transfer function of so many poles is srivc(data, poles, zeros)"
         )
@@ -157,7 +157,7 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
     # Phi_vv of `means` means with nu regressors in each is short by (means - nu)/means
     noise = (cross.yy - g @ _adjoint(cross.yu)) * cross.means / spare
     # half of the complex error lies along G, all of it where the transform is real
-    along = np.where(_real(cross), 1.0, 0.5)
+    along = 0.5 / _share(cross)
     spread = along * np.einsum("kii,kjj->ijk", noise.real, inverse.real) / spare
     system = ct.FRD(np.moveaxis(g, 0, 2), cross.w, cross.dt, **_names(data))
     return FrequencyEstimate(
@@ -167,11 +167,12 @@ def tfest(data: Given, method: Method = "welch", **options: float) -> FrequencyE
 
 
 class Coherence(NamedTuple):
-    """Squared coherence (nw, ny), or (nw, ny, nu) by pairs, at w rad/s; unrelated channels stay below `chance`."""
+    """Squared coherence (nw, ny), or (nw, ny, nu) by pairs, at w rad/s; unrelated channels stay below `chance`, (nw, 1)
+    or (nw, 1, 1)."""
 
     w: Array
     values: Array
-    chance: float
+    chance: Array
 
 
 def coherence(
@@ -179,7 +180,8 @@ def coherence(
 ) -> Coherence:
     """Give the share of each output's power that the inputs explain linearly, 0 to 1.
 
-    Unrelated channels exceed 1 - (1 - level)^(1/(means - nu)) as seldom as 1 - level.
+    That of unrelated channels has a beta distribution of nu and means - nu, of half as many at 0 and at half the
+    sampling frequency, where the transform is real.
 
     Parameters
     ----------
@@ -190,14 +192,14 @@ def coherence(
     pairs : bool
         One input at a time, instead of all at once (multiple coherence, which one input's own would understate).
     level : float
-        Probability with which unrelated channels stay below `chance`.
+        Probability with which unrelated channels stay below `chance` at a frequency.
     **options : int
         As in `tfest`.
 
     Returns
     -------
     Coherence
-        Squared coherence `values` (nw, ny), or (nw, ny, nu) by pairs, at `w` rad/s, and `chance`.
+        Squared coherence `values` (nw, ny), or (nw, ny, nu) by pairs, at `w` rad/s, and `chance` (nw, 1) or (nw, 1, 1).
 
     Examples
     --------
@@ -207,26 +209,27 @@ def coherence(
     >>> u = rng.standard_normal(4000)
     >>> y = u + rng.standard_normal(4000)  # half of the power is noise
     >>> found = coherence(iddata(y, u, 0.1), segment=100)
-    >>> found.values.mean().round(2).item(), bool(found.values.min() > found.chance)
+    >>> found.values.mean().round(2).item(), bool((found.values > found.chance).all())
     (0.5, True)
     """
     _check(data)
     cross = spectra(data, method, **options)
     nu = 1 if pairs else cross.phi.shape[1] - cross.ny
     spare = _spare(cross, nu)
-    chance = float(stats.beta.ppf(level, nu, spare))
+    share = _share(cross)
+    chance = np.asarray(stats.beta.ppf(level, share * nu, share * spare))[:, None]
     if not pairs:
         return Coherence(cross.w, _explained(cross, _inverse(cross)), chance)
     power = np.einsum("kii->ki", cross.phi).real
     shares = np.abs(cross.yu) ** 2 / _positive(power[:, : cross.ny, None] * power[:, None, cross.ny :])
-    return Coherence(cross.w, np.clip(shares, 0.0, 1.0), chance)
+    return Coherence(cross.w, np.clip(shares, 0.0, 1.0), chance[:, None])
 
 
 def power_spectrum(data: Given, *, inputs: bool = False, level: float = 0.95, **options: float) -> Spectrum:
     """Give Welch's spectrum of each output (or input), with its interval.
 
     A spectrum is two-sided: its integral from -fs/2 to fs/2 is the variance. The interval is that of a chi square of
-    2 x means degrees of freedom.
+    2 x means degrees of freedom, of half as many at 0 and at half the sampling frequency, where the transform is real.
 
     Parameters
     ----------
@@ -258,7 +261,7 @@ def power_spectrum(data: Given, *, inputs: bool = False, level: float = 0.95, **
     cross = spectra(data, "welch", **options)
     rows = slice(cross.ny, None) if inputs else slice(0, cross.ny)
     density = np.asarray(np.einsum("kii->ki", cross.phi).real[:, rows])
-    freedom = 2.0 * cross.means
+    freedom = 2.0 * cross.means * _share(cross)[:, None]
     low, high = (freedom / stats.chi2.ppf(p, freedom) for p in (0.5 + 0.5 * level, 0.5 - 0.5 * level))
     return Spectrum(cross.w, density, density * low, density * high, cross.means)
 
@@ -351,10 +354,11 @@ def _inverse(cross: Cross) -> Complex:
     return np.asarray(np.linalg.pinv(relative, hermitian=True) / (scale[:, :, None] * scale[:, None, :]))
 
 
-def _real(cross: Cross) -> NDArray[np.bool_]:
-    """Where the transform of real signals is real: at 0 and at half the sampling frequency."""
+def _share(cross: Cross) -> Array:
+    """Share (nw,) of the degrees of freedom of a complex transform: half of them at 0 and at half the sampling
+    frequency, where that of real signals is real."""
     edge = np.pi / cross.dt
-    return np.asarray((cross.w < 1e-9 * edge) | (cross.w > (1.0 - 1e-9) * edge))
+    return np.where((cross.w < 1e-9 * edge) | (cross.w > (1.0 - 1e-9) * edge), 0.5, 1.0)
 
 
 def _explained(cross: Cross, inverse: Complex) -> Array:

@@ -32,10 +32,12 @@ class Spectrogram(NamedTuple):
 def noise_spectrum(model: Model, w: ArrayLike) -> Array:
     """Give the spectrum of the disturbance at the outputs of a model: H R H* dt, with H from e to y and R = cov e.
 
+    Of a continuous model R is a density, and the spectrum H R H*.
+
     Parameters
     ----------
     model : Polynomials or Innovations
-        The model.
+        The model, sampled or continuous (dt = 0).
     w : array_like, shape (nw,)
         Frequencies in rad/s.
 
@@ -61,7 +63,7 @@ def noise_spectrum(model: Model, w: ArrayLike) -> Array:
     if own.r is None:
         raise ValueError("the model does not know the covariance of its innovations")
     h = _transfer(own, np.asarray(w, dtype=float).reshape(-1))
-    return np.asarray(h @ own.r @ np.swapaxes(h, 1, 2).conj() * own.dt)
+    return np.asarray(h @ own.r @ np.swapaxes(h, 1, 2).conj() * (own.dt or 1.0))
 
 
 def model_spectrum(
@@ -130,8 +132,8 @@ def _estimated(estimator: Callable[[Data], Model], piece: Data) -> Model:
 
 
 def _transfer(model: Innovations, w: Array) -> NDArray[np.complex128]:
-    """I + C (zI - A)^-1 K at z = exp(j w dt), (nw, ny, ny)."""
-    z = np.exp(1j * w * model.dt)[:, None, None]
-    inner = z * np.eye(model.nx) - model.a
+    """I + C (zI - A)^-1 K at z = exp(j w dt), or s = j w of a continuous model, (nw, ny, ny)."""
+    z = np.exp(1j * w * model.dt) if model.dt else 1j * w
+    inner = z[:, None, None] * np.eye(model.nx) - model.a
     gain = np.broadcast_to(model.k.astype(complex), (len(w), *model.k.shape))
     return np.asarray(np.eye(model.ny) + model.c @ np.linalg.solve(inner, gain))

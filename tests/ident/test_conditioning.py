@@ -44,6 +44,10 @@ def test_ramps_fade_every_channel_and_one_sample_does_nothing() -> None:
     assert np.allclose(both.y[:11], data.y[:11] * np.linspace(0, 1, 11)[:, None])
     assert np.allclose(both.u[-21:], data.u[-21:] * np.linspace(1, 0, 21)[:, None])
     assert np.array_equal(both.y[11:-21], data.y[11:-21]) and cond.ramp_in(data, 1) is data
+    for ramp, start in ((cond.ramp_in, 0), (cond.ramp_out, -1)):
+        assert ramp(data, data.n).y[start] == pytest.approx(0.0)
+        with pytest.raises(ValueError, match=f"a ramp over {data.n + 1} samples is longer than the data"):
+            ramp(data, data.n + 1)
 
 
 def test_scales_and_functions() -> None:
@@ -126,9 +130,22 @@ def test_a_model_at_another_rate_is_the_same_continuous_system() -> None:
     assert np.allclose(ct.frequency_response(moved, [0.1, 3.0]).frdata, ct.frequency_response(again, [0.1, 3.0]).frdata)
     with pytest.raises(ValueError, match="at or left of 0"):
         resample_system(ct.TransferFunction([1.0], [1.0, 0.5], 0.1), 0.2)
+    in_seconds = resample_system(ct.ss([[0.81]], [[1.9]], [[1.0]], [[0.0]], 1), 2)
+    assert in_seconds.dt == 2.0 and np.allclose(in_seconds.A, 0.81**2)
+    for step in (True, 0):
+        with pytest.raises(ValueError, match="needs a discrete system with a sample time"):
+            resample_system(ct.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], step), 2.0)
 
 
 def test_a_covariance_over_two_steps_is_that_of_two_steps() -> None:
     a, q = np.array([[0.9, 0.1], [-0.2, 0.8]]), np.array([[2.0, 0.3], [0.3, 1.0]])
     assert np.allclose(resample_covariance(a, q, 0.1, 0.2), a @ q @ a.T + q)
     assert np.allclose(resample_covariance(a @ a, a @ q @ a.T + q, 0.2, 0.1), q)
+
+
+@pytest.mark.parametrize("steps", [2, 10, 20, 100])
+def test_a_covariance_over_many_steps_of_a_fast_pole_is_the_sum_over_them(steps: int) -> None:
+    a, q = np.array([[0.9, 0.3], [0.0, 0.01]]), np.array([[1.0, 0.2], [0.2, 0.5]])
+    powers = [np.linalg.matrix_power(a, i) for i in range(steps)]
+    total = np.sum([power @ q @ power.T for power in powers], axis=0)
+    assert np.allclose(resample_covariance(a, q, 0.1, 0.1 * steps), total, rtol=1e-9)

@@ -9,6 +9,7 @@ import pytest
 from hoopd import ident
 from hoopd.ident import (
     Data,
+    Innovations,
     Polynomials,
     arx,
     compare,
@@ -19,6 +20,7 @@ from hoopd.ident import (
     idfilt,
     impulse_response,
     impulseest,
+    innovations,
     pem,
     predict,
     resample_system,
@@ -104,6 +106,48 @@ def test_a_forecast_is_what_comes_and_its_error_what_it_misses() -> None:
     assert np.std(misses) == pytest.approx(told.deviation[9, 0], rel=0.15)
     with pytest.raises(ValueError, match="10 values of each of the 1 inputs"):
         forecast(PLANT, own, 10)
+
+
+@pytest.mark.parametrize(("gap", "unseen"), [(slice(5, 10), 5), (slice(3, 9), 0)])
+def test_a_forecast_counts_the_noise_of_outputs_that_are_missing(gap: slice, unseen: int) -> None:
+    model = Polynomials(1.0, a=np.array([1.0, -0.9]), variance=1.0)
+    y = np.array([1.0, 2.0, 1.0, 3.0, 2.0, 1.0, 0.0, 2.0, 1.0, 1.0])
+    y[gap] = np.nan
+    deviation = forecast(model, iddata(y), 2).deviation
+    ahead = [np.sqrt(sum(0.81**j for j in range(unseen + i))) for i in (1, 2)]
+    assert deviation is not None and deviation[:, 0] == pytest.approx(ahead)
+
+
+def test_the_error_of_a_forecast_after_one_of_two_outputs_was_lost_is_what_it_misses() -> None:
+    a, b = np.array([[0.9, 0.2], [0.0, 0.8]]), np.zeros((2, 0))
+    k, r = np.array([[0.5, 0.3], [0.1, 0.6]]), np.array([[1.0, 0.4], [0.4, 0.5]])
+    model = Innovations(a, b, np.eye(2), np.zeros((2, 0)), k, 1.0, r=r)
+    rng, misses = np.random.default_rng(0), []
+    for _ in range(600):
+        e, x, y = rng.multivariate_normal([0.0, 0.0], r, 63), np.zeros(2), np.empty((63, 2))
+        for i, one in enumerate(e):
+            y[i], x = x + one, a @ x + k @ one
+        seen = y[:60].copy()
+        seen[55:, 0], seen[58:, 1] = np.nan, np.nan
+        told = forecast(model, iddata(seen), 3)
+        misses.append(told.y - y[60:])
+    assert told.deviation is not None
+    assert np.sqrt(np.mean(np.square(misses), axis=0)) == pytest.approx(told.deviation, rel=0.1)
+
+
+def test_the_inputs_of_a_forecast_stand_in_either_layout_as_those_of_a_simulation() -> None:
+    model = innovations(ct.ss(np.diag([0.5, 0.2]), np.eye(2), [[1.0, 1.0]], np.zeros((1, 2)), 1.0))
+    rng = np.random.default_rng(0)
+    own = iddata(rng.standard_normal(50), rng.standard_normal((50, 2)))
+    u = np.column_stack([np.arange(10.0), np.zeros(10)])
+    joined = simulate(model, iddata(np.full(60, np.nan), np.vstack([own.u, u])), "zero")[50:]
+    free = forecast(model, own, 10, np.zeros((10, 2))).y
+    told = forecast(model, own, 10, u).y
+    assert np.allclose(told, forecast(model, own, 10, u.T).y)
+    still = simulate(model, iddata(np.full(60, np.nan), np.vstack([own.u, 0.0 * u])), "zero")[50:]
+    assert np.allclose(told - free, joined - still)
+    with pytest.raises(ValueError, match="10 values of each of the 2 inputs"):
+        forecast(model, own, 10, u[:9])
 
 
 def test_pulses_are_drawn_with_what_the_data_say_without_structure() -> None:

@@ -125,6 +125,10 @@ def test_a_predictor_is_a_system_too(horizon: float) -> None:
     assert predictor_system(BJ, 3).nstates == state_space(BJ).nx + 2
     with pytest.raises(ValueError, match="whole number"):
         predictor_system(BJ, 0)
+    continuous = ct.tf([1.0], [1.0, 1.0])
+    with pytest.raises(ValueError, match="in samples and a continuous model has none"):
+        predictor_system(continuous)
+    assert predictor_system(continuous, np.inf).dt == 0.0
 
 
 def test_missing_outputs_correct_nothing_and_stay_missing() -> None:

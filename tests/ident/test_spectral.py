@@ -11,7 +11,8 @@ from scipy import signal
 
 from hoopd.ident.checks import IdentificationWarning
 from hoopd.ident.data import Data, iddata
-from hoopd.ident.models import Polynomials
+from hoopd.ident.models import Innovations, Polynomials
+from hoopd.ident.resampling import c2d
 from hoopd.ident.spectral import coherence, correlation, power_spectrum, tfest
 from hoopd.ident.spectrogram import model_spectrum, noise_spectrum
 
@@ -72,6 +73,23 @@ def test_a_spectrum_integrates_to_the_variance_within_its_interval() -> None:
     assert np.mean(found.density) == pytest.approx(4.0 * 0.01, rel=0.03)
     inside = (found.low[1:-1] < 0.04) & (found.high[1:-1] > 0.04)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.04)
+
+
+def test_bounds_hold_where_the_transform_is_real_as_often_as_elsewhere() -> None:
+    """At 0 and at half the sampling frequency: intervals hold the truth, and unrelated channels stay below chance."""
+    count = 200
+    held, below, by_pairs = np.zeros(51), np.zeros(51), np.zeros(51)
+    for seed in range(count):
+        y, u, other = np.random.default_rng(seed).standard_normal((3, 2000))
+        found = power_spectrum(iddata(y, dt=1.0), segment=100)
+        held += (found.low[:, 0] < 1.0) & (found.high[:, 0] > 1.0)
+        two = iddata(y, np.column_stack([u, other]), 1.0)
+        together, apart = coherence(two, segment=100), coherence(two, segment=100, pairs=True)
+        below += (together.values < together.chance)[:, 0]
+        by_pairs += (apart.values < apart.chance)[:, 0, 0]
+    for share in (held, below, by_pairs):
+        assert share[[0, -1]].mean() / count == pytest.approx(0.95, abs=0.025)
+        assert share[2:-2].mean() / count == pytest.approx(0.95, abs=0.015)
 
 
 def test_correlations_find_a_shift_and_stay_within_bounds_elsewhere() -> None:
@@ -161,3 +179,12 @@ def test_segments_are_not_stacked_in_memory() -> None:
     tracemalloc.stop()
     # the record twice or thrice, not once for each of its thousand segments
     assert peak < 8 * (data.nu + data.ny) * data.n * 5
+
+
+def test_a_continuous_model_has_the_spectrum_that_its_samples_have_far_below_their_rate() -> None:
+    one = np.ones((1, 1))
+    lag = Innovations(-2.0 * one, one, one, 0.0 * one, 3.0 * one, 0.0, r=0.1 * one)
+    w = np.array([0.1, 1.0, 10.0])
+    found = noise_spectrum(lag, w)[:, 0, 0]
+    assert np.allclose(found, 0.1 * np.abs((1j * w + 5.0) / (1j * w + 2.0)) ** 2)
+    assert np.allclose(noise_spectrum(c2d(lag, 1e-3), w)[:, 0, 0], found, rtol=0.01)

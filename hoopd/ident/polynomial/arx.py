@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.ident.checks import check
+from hoopd.ident.checks import DEPENDENT, check
 from hoopd.ident.data import Data, experiments
 from hoopd.ident.estimation_report import EstimationReport, estimated
 from hoopd.ident.identified_model import IdentifiedModel
@@ -57,12 +57,15 @@ def arx(
     estimator : callable, optional
         (A, y) -> x in place of least squares, such as `robust()`; there is no covariance then.
     focus_hz : tuple of float, optional
-        Band (low, high) in Hz to which outputs and inputs are filtered first, so the model fits there.
+        Band (low, high) in Hz to which outputs and inputs are filtered first, so the model fits there; its `variance`
+        is that of e on the data as they are.
 
     Returns
     -------
     Polynomials
-        The model with its covariance sigma^2 M^-1 Phi'Phi M^-1, M = Phi'Phi + ridge I.
+        The model with its covariance sigma^2 M^-1 Phi'Phi M^-1, M = Phi'Phi + ridge I; with `focus_hz`, whose errors
+        are not white, M^-1 S M^-1 with S the covariance of Phi'e by Bartlett's weights over sqrt(n) lags, and
+        no fewer than the band's memory.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def arx(
 
     Notes
     -----
-    Source: Ljung, System Identification, 1999, 14.4 on the filter.
+    Sources: Ljung, System Identification, 1999, 14.4 on the filter; Newey & West, Econometrica 55, 1987, on S.
 
     Examples
     --------
@@ -99,9 +102,37 @@ def arx(
             raise ValueError(f"too few samples: {len(y)} equations without a missing output for {own.size} parameters")
         x = estimator(a, y)
         model = own.model(x, each[0], _variance(y - a @ x, own.size))
+    if focus_hz:
+        rest = np.concatenate([residuals(model, one) for one in each])
+        covariance = None if estimator is not None else _of_coloured(fitted, own, model.values, ridge, focus_hz)
+        model = replace(model, variance=_variance(rest, own.size), covariance=covariance)
     squares = model if estimator is None and focus_hz is None else least_regression(each, own, ridge)
     _judged(model, squares, each, ridge)
     return model
+
+
+def _of_coloured(
+    fitted: Sequence[Data], own: Structure, x: Array, ridge: float, focus_hz: tuple[float, float]
+) -> Array:
+    """Covariance of the coefficients where the errors are correlated: M^-1 S M^-1."""
+    a, y = regressors(fitted, own.na, own.nb, own.delay)
+    scale = np.maximum(np.sqrt((a**2).sum(axis=0)), np.finfo(float).tiny)
+    both = np.vstack([a, np.sqrt(ridge) * np.eye(own.size)])
+    inverse = np.linalg.pinv(both / scale, rcond=DEPENDENT)[:, : len(a)].T / scale
+    # what each equation adds to the coefficients
+    parts = inverse * (y - a @ x)[:, None]
+    dt = fitted[0].dt
+    memory = int(1.0 / (min(focus_hz[1], 0.5 / dt) - focus_hz[0]) / dt)
+    ends = np.cumsum([max(one.n - own.lost, 0) for one in fitted])[:-1]
+    return np.asarray(sum(_bartlett(part, memory) for part in np.split(parts - parts.mean(axis=0), ends)))
+
+
+def _bartlett(parts: Array, memory: int) -> Array:
+    """Sum over lags of (1 - |lag|/L) sum_t parts(t + lag) parts(t)': the mean square of sums of L, sqrt(n) or more."""
+    width = min(max(int(np.sqrt(len(parts))), memory, 1), max(len(parts) // 4, 1))
+    sums = np.cumsum(np.pad(parts, ((width, width - 1), (0, 0))), axis=0)
+    windows = sums[width:] - sums[:-width]
+    return np.asarray(windows.T @ windows / width)
 
 
 def _judged(model: Polynomials, squares: Polynomials, each: Sequence[Data], ridge: float) -> None:

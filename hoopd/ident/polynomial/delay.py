@@ -38,6 +38,8 @@ LONGEST = 50
 UNEXPLAINED = 1.0 - 1e-5
 # Samples for each parameter of the long model.
 SHARE = 4
+# Of the output's squares: a sum of squared errors below this share is rounding, whose size says nothing of a delay.
+RESOLVED = 1e-20
 
 
 @dataclass(frozen=True)
@@ -174,14 +176,15 @@ def _profile(white: Sequence[_White], span: int, order: int | None, level: float
     count = sum(len(one.y) - span - LONG for one in white)
     ratio = count * np.log(totals / totals.min())
     allowed = candidates[ratio <= threshold(level, n)]
-    best = int(candidates[ratio.argmin()])
+    # where several leave nothing, those before the last begin with coefficients of 0
+    best = int(candidates[ratio == ratio.min()][-1])
     return Delay(best, (int(allowed[0]), int(allowed[-1])), level, dt, n, candidates, ratio, float(totals.min()))
 
 
 def _explained(white: Sequence[_White], found: Delay, span: int, size: int) -> bool:
     """Whether the low-order model leaves as little as the long one, which holds any delay and order."""
     first = span + LONG
-    long = sum(float(np.square(one.y[first:] - one.s[first:]).sum()) for one in white)
+    long = _resolved(sum(float(np.square(one.y[first:] - one.s[first:]).sum()) for one in white), white, span)
     count = sum(len(one.y) - first for one in white)
     return long <= 0.0 or count * np.log(found.total / long) <= quantile(UNEXPLAINED, size - 2 * found.order)
 
@@ -215,7 +218,12 @@ def _best_start(own: Structure, white: Sequence[_White], span: int) -> int:
 
 def _least(own: Structure, white: Sequence[_White], span: int, d: int) -> float:
     stretches, whole = _shifted(white, span, d)
-    return search(own, stretches, _begun(own, stretches, whole)[0], free_start=True).total
+    return _resolved(search(own, stretches, _begun(own, stretches, whole)[0], free_start=True).total, white, span)
+
+
+def _resolved(total: float, white: Sequence[_White], span: int) -> float:
+    """A sum of squared errors, not below what rounding leaves of the output's."""
+    return max(total, RESOLVED * sum(float(np.square(one.y[span + LONG :]).sum()) for one in white))
 
 
 def _begun(own: Structure, stretches: list[PolynomialExperiment], whole: LongModel) -> tuple[Array, float]:

@@ -156,11 +156,11 @@ Pairs = list[tuple[Array, Array, int]]
 def _choices(
     nu: int, na: int | Iterable[int], nb: Counts | Iterable[Counts], delay: Counts | Iterable[Counts]
 ) -> Iterator[Structure]:
-    first = [na] if isinstance(na, int) else list(na)
+    first = [na] if isinstance(na, int | np.integer) else list(na)
     if nu == 0:
         yield from (structure(0, n, (), delay=()) for n in first if n)
         return
-    second, third = ([one] if isinstance(one, int) else list(one) for one in (nb, delay))
+    second, third = ([one] if isinstance(one, int | np.integer) else list(one) for one in (nb, delay))
     yield from (structure(nu, n, b, delay=d) for n, b, d in product(first, second, third))
 
 

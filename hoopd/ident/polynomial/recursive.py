@@ -84,8 +84,8 @@ class RecursiveArx:
         dead_zone: float = 0.0,
     ) -> None:  # fmt: skip
         """Begin with the coefficients given; the class tells of the arguments."""
-        self.na, self.nb = na, (nb,) if isinstance(nb, int) else tuple(nb)
-        self.delay = (delay,) * len(self.nb) if isinstance(delay, int) else tuple(delay)
+        self.na, self.nb = na, (nb,) if isinstance(nb, int | np.integer) else tuple(nb)
+        self.delay = (delay,) * len(self.nb) if isinstance(delay, int | np.integer) else tuple(delay)
         size = na + sum(self.nb)
         _allowed(size, self.nb, self.delay, forgetting, dead_zone)
         if not p0 > 0.0 or (trace_bound is not None and not trace_bound > 0.0):

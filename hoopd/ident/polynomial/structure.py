@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import index
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +121,7 @@ def structure(
     """Orders with one number for all inputs or one for each; ValueError where the counts do not fit."""
     if not isinstance(na, int | np.integer):
         raise TypeError(f"orders stand one by one, arx(data, 2, 2, 3), not as {na!r}")
-    out = Structure(na, _each(nb, nu, "nb"), nc, nd, _each(nf, nu, "nf"), _each(delay, nu, "delay"))
+    out = Structure(int(na), _each(nb, nu, "nb"), index(nc), index(nd), _each(nf, nu, "nf"), _each(delay, nu, "delay"))
     if min([na, nc, nd, *out.nb, *out.nf, *out.delay], default=0) < 0:
         raise ValueError("orders and delays are not negative")
     if out.size == 0:
@@ -137,7 +138,7 @@ def single(data: Sequence[Data]) -> None:
 
 
 def _each(given: Counts, nu: int, name: str) -> tuple[int, ...]:
-    counts = (given,) * nu if isinstance(given, int) else tuple(int(one) for one in given)
+    counts = (int(given),) * nu if isinstance(given, int | np.integer) else tuple(int(one) for one in given)
     if len(counts) != nu:
         raise ValueError(f"{name} has {len(counts)} numbers and the data have {nu} inputs")
     return counts

@@ -1,7 +1,8 @@
 """Models with noise from continuous to sampled time and back; the cost of a linear regulator likewise.
 
 A continuous innovation form has dt = 0: x' = a x + b u + k e; its q, r, s are densities. Inputs and innovations are
-held over a step; the noise is integrated over it (Van Loan, IEEE Trans. Automatic Control 23, 1978).
+held over a step; the noise is integrated over it (Van Loan, IEEE Trans. Automatic Control 23, 1978), over a short step
+that is then doubled.
 
 Rules of this file: both ways are exact, so there and back is the same model.
 """
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.models import Innovations
+from hoopd.ident.models import Innovations, matrices_alone
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ def sampled_form(form: Innovations, dt: float) -> Innovations:
         raise ValueError(f"a step is a positive time in s, not {dt:g}")
     hold = held(form.a, dt)
     return replace(
-        _matrices(form), a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
+        matrices_alone(form), a=linalg.expm(form.a * dt), b=hold @ form.b, k=hold @ form.k, dt=dt,
         q=None if form.q is None else sampled_noise(form.a, form.q, dt),
         r=None if form.r is None else form.r / dt,
         s=None if form.s is None else hold @ form.s / dt,
@@ -41,7 +42,7 @@ def continuous_form(form: Innovations) -> Innovations:
     a = _logarithm(form.a) / form.dt
     unhold = np.linalg.inv(held(a, form.dt))
     return replace(
-        _matrices(form), a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
+        matrices_alone(form), a=a, b=unhold @ form.b, k=unhold @ form.k, dt=0.0,
         q=None if form.q is None else unsampled_noise(a, form.q, form.dt),
         r=None if form.r is None else form.r * form.dt,
         s=None if form.s is None else unhold @ form.s * form.dt,
@@ -49,10 +50,19 @@ def continuous_form(form: Innovations) -> Innovations:
 
 
 def sampled_noise(a: Array, q: Array, dt: float) -> Array:
-    """integral_0^dt exp(a t) q exp(a t)' dt: the covariance that a white process of density q adds in a step."""
+    """integral_0^dt exp(a t) q exp(a t)' dt: the covariance that a white process of density q adds in a step.
+
+    Van Loan's block holds exp(-a dt), which swallows everything where a pole is fast beside the step: it is taken over
+    a step of norm 1, dt/2^k, and Q(2h) = Q(h) + F(h) Q(h) F(h)', F(2h) = F(h)^2 leads to dt.
+    """
     n = len(a)
-    e = linalg.expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * dt)
-    found = e[n:, n:].T @ e[:n, n:]
+    norm = float(np.abs(a).sum(axis=0).max(initial=0.0)) * dt
+    doublings = int(np.ceil(np.log2(norm))) if 1.0 < norm < np.inf else 0
+    e = linalg.expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * (dt / 2.0**doublings))
+    f = e[n:, n:].T
+    found = f @ e[:n, n:]
+    for _ in range(doublings):
+        found, f = found + f @ found @ f.T, f @ f
     return np.asarray(0.5 * (found + found.T))
 
 
@@ -116,11 +126,6 @@ def held(a: Array, dt: float) -> Array:
     """integral_0^dt exp(a t) dt."""
     n = len(a)
     return np.asarray(linalg.expm(np.block([[a, np.eye(n)], [np.zeros((n, 2 * n))]]) * dt)[:n, n:])
-
-
-def _matrices(form: Innovations) -> Innovations:
-    """Without what belongs to the estimate of these very matrices: the numbers of others are others."""
-    return replace(form, names=(), values=np.zeros(0), covariance=None, singular_values=None, choice=None, report=None)
 
 
 def _logarithm(a: Array) -> Array:

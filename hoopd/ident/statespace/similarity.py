@@ -1,6 +1,7 @@
 """Realisations of one model: the transform between two, balancing, truncation; the noise goes along.
 
-Rules of this file: what is done to the states is done to K, Q, S and x0 too, so the noise model stays the same.
+Rules of this file: what is done to the states is done to K, Q, S and x0 too, so the noise model stays the same, and to
+the covariance of the matrices, so what follows from them is as well known as before; what is a part is no estimate.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hoopd.ident.models import Innovations
+from hoopd.ident.models import Innovations, matrices_alone
+from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.change_of_states import covariance_of_matrices, in_states, projected
 from hoopd.ident.statespace.linear import radius
 
 Array = NDArray[np.float64]
@@ -72,14 +75,14 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
     Parameters
     ----------
     model : Innovations
-        A stable, minimal model.
+        A stable, minimal model, sampled or continuous (dt = 0).
     noise : bool
         Whether the innovations count as inputs too, so that what only the noise moves is not called small.
 
     Returns
     -------
     model : Innovations
-        The balanced realisation.
+        The balanced realisation, the covariance of its matrices with it.
     singular_values : ndarray, shape (nx,)
         Largest first.
 
@@ -100,17 +103,13 @@ def balance(model: Innovations, *, noise: bool = False) -> tuple[Innovations, Ar
     >>> balance(model)[1].round(2)  # the second state does little
     array([5.29, 0.08])
     """
-    if radius(model.a) >= 1.0:
-        raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
-    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
-    reach = _root(linalg.solve_discrete_lyapunov(model.a, into @ into.T))
-    see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    reach, see = _gramian_roots(model, noise)
     u, s, vt = linalg.svd(see.T @ reach)
     if s[-1] <= 1e-14 * s[0]:
-        raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduced`)")
+        raise ValueError("the model is not minimal: a state cannot be reached or seen; truncate it first (`reduce`)")
     half = 1.0 / np.sqrt(s)
     t, inverse = reach @ vt.T * half, (half[:, None] * u.T) @ see.T
-    return _projected(model, t, inverse), s
+    return in_states(model, t, inverse), s
 
 
 def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovations:
@@ -119,7 +118,7 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     Parameters
     ----------
     model : Innovations
-        A stable model.
+        A stable model, sampled or continuous (dt = 0).
     order : int
         States that are kept.
     noise : bool
@@ -128,7 +127,7 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     Returns
     -------
     Innovations
-        The smaller model.
+        The smaller model, without a covariance: it is no estimate of the data.
 
     Raises
     ------
@@ -145,14 +144,25 @@ def reduce(model: Innovations, order: int, *, noise: bool = False) -> Innovation
     """
     if not 0 < order <= model.nx:
         raise ValueError(f"order {order} of a model with {model.nx} states")
-    if radius(model.a) >= 1.0:
-        raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
-    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
-    reach = _root(linalg.solve_discrete_lyapunov(model.a, into @ into.T))
-    see = _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    reach, see = _gramian_roots(model, noise)
     u, s, vt = linalg.svd(see.T @ reach)
     half = 1.0 / np.sqrt(s[:order])
-    return _projected(model, reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
+    return projected(matrices_alone(model), reach @ vt[:order].T * half, (half[:, None] * u[:, :order].T) @ see.T)
+
+
+def _gramian_roots(model: Innovations, noise: bool) -> tuple[Array, Array]:
+    """Roots of the gramians of what reaches the states and of what is seen of them."""
+    into = np.hstack([model.b, model.k @ _root(_covariance(model))]) if noise else model.b
+    if model.dt:
+        if radius(model.a) >= 1.0:
+            raise ValueError(f"a pole of modulus {radius(model.a):.6g}: gramians are for stable models")
+        reach = linalg.solve_discrete_lyapunov(model.a, into @ into.T)
+        return _root(reach), _root(linalg.solve_discrete_lyapunov(model.a.T, model.c.T @ model.c))
+    rate = float(np.linalg.eigvals(model.a).real.max(initial=-np.inf))
+    if rate >= 0.0:
+        raise ValueError(f"a pole of real part {rate:.6g} 1/s: gramians are for stable models")
+    reach = linalg.solve_continuous_lyapunov(model.a, -into @ into.T)
+    return _root(reach), _root(linalg.solve_continuous_lyapunov(model.a.T, -model.c.T @ model.c))
 
 
 def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:
@@ -168,7 +178,9 @@ def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innov
     Returns
     -------
     Innovations
-        The smaller model; its gain is kept where all outputs are (another needs a new one).
+        The smaller model; its gain is kept where all outputs are, in any order (another needs a new one). The
+        covariance of its matrices is that part of the model's (`pem`'s; `subspaceid`'s follows from all channels
+        together, and a part has none); it has no report of the fit.
 
     Examples
     --------
@@ -179,24 +191,30 @@ def channels(model: Innovations, outputs: list[int], inputs: list[int]) -> Innov
     >>> part.b, part.c
     (array([[2.]]), array([[3.]]))
     """
-    whole = outputs == list(range(model.ny))
-    pick = np.ix_(outputs, outputs)
+    part = _picked(matrices_alone(model), list(outputs), list(inputs))
+    covariance = covariance_of_matrices(model)
+    if covariance is None:
+        return part
+    # each entry of the part as its number in the full vector, from 1 on; 0 is a gain that was left out
+    count = len(coordinates.values(model))
+    numbers = coordinates.with_values(model, np.arange(1.0, count + 1.0))
+    place = coordinates.values(_picked(numbers, list(outputs), list(inputs))).astype(int)
+    known = np.zeros((count + 1, count + 1))
+    known[1:, 1:] = covariance
     return replace(
-        model, b=model.b[:, inputs], c=model.c[outputs], d=model.d[np.ix_(outputs, inputs)],
-        k=model.k if whole else np.zeros((model.nx, len(outputs))),
-        r=None if model.r is None else model.r[pick], s=None if model.s is None else model.s[:, outputs],
-        inputs=tuple(model.inputs[i] for i in inputs) if model.inputs else (),
-        outputs=tuple(model.outputs[i] for i in outputs) if model.outputs else (),
+        part, names=coordinates.names(part), values=coordinates.values(part), covariance=known[np.ix_(place, place)]
     )  # fmt: skip
 
 
-def _projected(model: Innovations, t: Array, inverse: Array) -> Innovations:
-    """x = t z, z = inverse x; fewer columns of t than states truncate."""
+def _picked(model: Innovations, outputs: list[int], inputs: list[int]) -> Innovations:
+    whole = sorted(outputs) == list(range(model.ny))
     return replace(
-        model, a=inverse @ model.a @ t, b=inverse @ model.b, c=model.c @ t, k=inverse @ model.k,
-        q=None if model.q is None else inverse @ model.q @ inverse.T,
-        s=None if model.s is None else inverse @ model.s,
-        x0=None if model.x0 is None else inverse @ model.x0,
+        model, b=model.b[:, inputs], c=model.c[outputs], d=model.d[np.ix_(outputs, inputs)],
+        k=model.k[:, outputs] if whole else np.zeros((model.nx, len(outputs))),
+        r=None if model.r is None else model.r[np.ix_(outputs, outputs)],
+        s=None if model.s is None else model.s[:, outputs],
+        inputs=tuple(model.inputs[i] for i in inputs) if model.inputs else (),
+        outputs=tuple(model.outputs[i] for i in outputs) if model.outputs else (),
     )  # fmt: skip
 
 

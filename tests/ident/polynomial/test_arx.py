@@ -142,3 +142,18 @@ def test_several_outputs_as_one_model() -> None:
     assert np.allclose(model.r, 0.01 * np.eye(3), atol=0.003)
     diagonal = varx(iddata(exact, u), 1, 2, 0, coupled=False)
     assert np.count_nonzero(diagonal.a[1]) == 3
+
+
+@pytest.mark.parametrize("band_hz", [(0.0, 0.3), (1.0, 5.0)])
+def test_a_model_of_a_band_scatters_as_it_says_and_its_variance_is_that_of_its_errors(
+    band_hz: tuple[float, float],
+) -> None:
+    values, told = [], []
+    for seed in range(60):
+        u, e = np.random.default_rng(seed).standard_normal((2, 2000))
+        data = iddata(lfilter([0.0, 2.0], [1.0, -0.8], u) + lfilter([1.0], [1.0, -0.8], 0.5 * e), u, 0.1)
+        model = arx(data, 1, 1, focus_hz=band_hz)
+        values.append(model.values)
+        told.append(list(model.deviations().values()))
+        assert model.variance == pytest.approx(float(np.square(prediction_error(model, data)[1:]).mean()), rel=0.01)
+    assert np.std(values, axis=0) == pytest.approx(np.sqrt(np.mean(np.square(told), axis=0)), rel=0.25)

@@ -33,6 +33,15 @@ def test_a_clear_delay_is_exact(colour: float) -> None:
     assert own.ratio.min() == 0.0 and own.ratio[0] > 20.0 and len(own.ratio) == 16
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-13])
+def test_data_without_noise_have_their_delay_and_not_that_of_the_rounding(noise: float) -> None:
+    for seed in range(3):
+        own = delay(made(([1.0], [1.0, -0.8]), 3, 600, noise, seed), longest=8)
+        assert (own.samples, own.interval, own.order) == (3, (3, 3), 1)
+    # of order 2 a delay of 2 fits as well, with a first coefficient of 0
+    assert delay(made(([1.0], [1.0, -0.8]), 3, 600, noise, 0), longest=8, order=2).samples == 3
+
+
 def test_the_interval_covers_a_system_that_rises_slowly() -> None:
     runs = [found(SLOW, 8, 800, 0.3, seed, order=2) for seed in range(10)]
     assert sum(own.interval[0] <= 8 <= own.interval[1] for own in runs) >= 9

@@ -7,7 +7,11 @@ import pytest
 from scipy.signal import lfilter
 
 from hoopd.ident.data import Data, iddata
+from hoopd.ident.model_comparison import compare
+from hoopd.ident.polynomial.arx import arx
 from hoopd.ident.polynomial.orders import aic, aicc, bic, fpe, scan
+from hoopd.ident.polynomial.pem import oe
+from hoopd.ident.polynomial.recursive import RecursiveArx
 from hoopd.ident.polynomial.regression import regressors
 
 A, B = np.array([1.0, -1.5, 0.7]), np.array([0.0, 0.0, 0.0, 1.0, 0.5])
@@ -16,6 +20,18 @@ A, B = np.array([1.0, -1.5, 0.7]), np.array([0.0, 0.0, 0.0, 1.0, 0.5])
 def made(n: int, seed: int = 0, noise: float = 0.5) -> Data:
     u, e = np.random.default_rng(seed).standard_normal((2, n))
     return iddata(lfilter(B, A, u) + lfilter([1.0], A, noise * e), u)
+
+
+def test_orders_may_be_numbers_of_numpy() -> None:
+    data, one, two = made(600), np.int64(1), np.int64(2)
+    assert np.array_equal(arx(data, two, two, two).values, arx(data, 2, 2, 2).values)
+    assert np.array_equal(oe(data, two, two, one).values, oe(data, 2, 2, 1).values)
+    by_numbers, by_ranges = (scan(data, span, span, one) for span in (np.arange(1, 4), range(1, 4)))
+    assert len(by_numbers.candidates) == 9
+    assert by_numbers.candidates == by_ranges.candidates and type(by_numbers.candidates[0].na) is int
+    assert RecursiveArx(one, two, two).coefficients.shape == (3,)
+    plain = compare(oe(data, 2, 2), data, 5)[0].percent[5]
+    assert compare(oe(data, 2, 2), data, np.int64(5))[0].percent[5] == pytest.approx(plain)
 
 
 def test_criteria_are_their_formulas() -> None:
