@@ -27,12 +27,15 @@ from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
 from hoopd.ident.statespace.coloured import autoregression_of, shaped
 from hoopd.ident.statespace.sensitivities import paired, piece
+from hoopd.ident.statespace.step_sizes import scales
 from hoopd.ident.statespace.structurederrors import (
     Task,
     allowed,
     errors,
+    parameter_sizes,
     parts_of,
     paths_of,
+    sizes_of,
     slope,
     variance_of,
     weight_of,
@@ -184,7 +187,7 @@ def structured_pem(
     task = Task(
         build, [piece(one) for one in each], each[0].dt, len(start), isinstance(gain, str) and gain == "free",
         isinstance(x0, str) and x0 == "estimate", tuple(_fixed(x0, model) for _ in each), horizon,
-        focus == "simulation", regulariser, own,
+        focus == "simulation", regulariser, own, parameter_sizes(build, start),
     )  # fmt: skip
     return _finished(task, (low, high), *_minimised(task, start, (low, high), iterations), each[0])
 
@@ -245,17 +248,19 @@ def _minimised(task: Task, start: Array, bounds: tuple[Array, Array], iterations
         np.concatenate([side, np.full(extra, far)]) for side, far in zip(bounds, (-np.inf, np.inf), strict=True)
     )
     free = lower < upper
+    # in the variables' own units the search's tolerances and its distances from bounds would hold for large ones alone
+    own = scales(sizes_of(task, len(z)))[free]
     weight, evaluations = weight_of(task, None), 0
     for _ in range(ROUNDS if model.ny > 1 else 1):
         found = optimize.least_squares(
-            lambda v, at, w: errors(task, _put(at, free, v), w), z[free],
-            lambda v, at, w: slope(task, _put(at, free, v), w)[:, free],
-            (lower[free], upper[free]), x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-15, max_nfev=iterations,
-            args=(z, weight),
+            lambda v, at, w: errors(task, _put(at, free, v * own), w), z[free] / own,
+            lambda v, at, w: slope(task, _put(at, free, v * own), w)[:, free] * own,
+            (lower[free] / own, upper[free] / own), x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-15,
+            max_nfev=iterations, args=(z, weight),
         )  # fmt: skip
-        z, evaluations = _put(z, free, found.x), evaluations + int(found.nfev)
+        z, evaluations = _put(z, free, found.x * own), evaluations + int(found.nfev)
         weight = weight_of(task, paths_of(task, z))
-    if found.status == 0 and _promised(found, upper[free], lower[free]) > SETTLED_SHARE:
+    if found.status == 0 and _promised(found, upper[free] / own, lower[free] / own) > SETTLED_SHARE:
         unsettled(evaluations)
     return z, evaluations
 
