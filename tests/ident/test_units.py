@@ -103,8 +103,11 @@ def test_a_drag_is_fitted_alike_in_every_unit() -> None:
 
 
 def test_the_size_of_a_zero_is_what_changes_everything() -> None:
+    low, high = np.array([-1.0, 0.0, 0.0, 0.0]), np.array([0.0, 9.0, np.inf, 1e-12])
+
     def share(sets: np.ndarray) -> np.ndarray:
+        assert ((sets >= low[:, None]) & (sets <= high[:, None])).all()
         return np.asarray(np.abs(sets[0] / 3e-9) + np.abs(sets[1] - 2.0) + np.abs(sets[2] / 4e5) + 0.0 * sets[3])
 
-    found = variable_sizes(share, np.array([0.0, 2.0, 1e-12, 0.0]))
-    assert found == pytest.approx([3e-9, 2.0, 4e5, 1.0], rel=1e-3)
+    found = variable_sizes(share, np.array([0.0, 2.0, 1e-12, 0.0]), (low, high))
+    assert found == pytest.approx([3e-9, 2.0, 4e5, 1e-12], rel=1e-3)

@@ -219,7 +219,7 @@ def nonlinear_pem(
     graph = filter_graph(system, each[0].y, each[0].u, each[0].t, p, start)
     none = np.ones(len(p) + len(start) * len(each) * estimate_x0)
     task = _Task(system, each, len(p), estimate_x0, tuple(start for _ in each), weight, sd, p, graph, none)
-    task = replace(task, sizes=_sizes(task))
+    task = replace(task, sizes=_sizes(task, (low, high)))
     return _minimised(task, _names(names, len(p)), (low, high), iterations, tolerance)
 
 
@@ -256,14 +256,19 @@ def _first(task: _Task) -> Array:
     return np.concatenate([task.centre, *(task.fixed if task.free_start else ())])
 
 
-def _sizes(task: _Task) -> Array:
+def _sizes(task: _Task, bounds: tuple[Array, Array]) -> Array:
     """Sizes of all variables, by what they change of the outputs where they are small."""
     z = _first(task)
     here, outputs = _errors(task, z[:, None]), [np.nan_to_num(one.y) @ task.weight.T for one in task.each]
     power = float(np.sqrt(sum(np.vdot(y, y) for y in outputs)))
     if power == 0.0:
         return np.where(z == 0.0, 1.0, np.abs(z))
-    return variable_sizes(lambda sets: np.linalg.norm((_errors(task, sets) - here)[: _count(task)], axis=0) / power, z)
+
+    def share(sets: Array) -> Array:
+        return np.asarray(np.linalg.norm((_errors(task, sets) - here)[: _count(task)], axis=0) / power)
+
+    far = np.full(len(z) - task.count, np.inf)
+    return variable_sizes(share, z, (np.concatenate([bounds[0], -far]), np.concatenate([bounds[1], far])))
 
 
 def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, Array], evaluations: int) -> Nonlinear:

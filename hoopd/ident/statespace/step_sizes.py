@@ -33,7 +33,7 @@ def scales(sizes: Array) -> Array:
     return np.asarray(np.exp2(np.floor(np.log2(sizes))))
 
 
-def variable_sizes(share: Callable[[Array], Array], z: Array) -> Array:
+def variable_sizes(share: Callable[[Array], Array], z: Array, bounds: tuple[Array, Array]) -> Array:
     """Sizes (m,) of variables: each itself, or where that is zero or changes nothing, what would change everything.
 
     Parameters
@@ -43,18 +43,26 @@ def variable_sizes(share: Callable[[Array], Array], z: Array) -> Array:
         finite counts as felt.
     z : ndarray, shape (m,)
         The variables, each in a unit of its own.
+    bounds : tuple of ndarray, shape (m,)
+        Least and largest values; none is tried outside them.
 
     Returns
     -------
     ndarray, shape (m,)
-        In the same units, above zero; the variable itself, or 1 for a zero, where nothing is felt at all.
+        In the same units, above zero. Where nothing is felt at all the variable itself, for a zero 1 or what lies
+        between its bounds.
     """
     own = np.abs(z)
-    sizes, steps = np.where(z == 0.0, 1.0, own), np.where(z == 0.0, OF_ZERO, FIRST * own)
+    between = np.where(bounds[1] > bounds[0], np.minimum(bounds[1] - bounds[0], 1.0), 1.0)
+    sizes, steps = np.where(z == 0.0, between, own), np.where(z == 0.0, OF_ZERO, FIRST * own)
     left = np.arange(len(z))
-    while len(left):
+    while True:
+        inward = np.where(z + steps <= bounds[1], steps, -steps)
+        left = left[(steps <= np.maximum(LONGEST, own))[left] & (z + inward >= bounds[0])[left]]
+        if not len(left):
+            return sizes
         moved = np.repeat(z[:, None], len(left), axis=1)
-        moved[left, np.arange(len(left))] += steps[left]
+        moved[left, np.arange(len(left))] += inward[left]
         with np.errstate(all="ignore"):
             changed = share(moved)
         known = np.isfinite(changed) & (changed >= FELT)
@@ -63,5 +71,3 @@ def variable_sizes(share: Callable[[Array], Array], z: Array) -> Array:
         sizes[at] = np.maximum(own[at], np.where(steps[at] < own[at], np.minimum(whole, own[at] / NEAR), whole))
         left = left[changed < FELT]
         steps[left] *= LONGER
-        left = left[steps[left] <= np.maximum(LONGEST, own[left])]
-    return sizes

@@ -187,7 +187,7 @@ def structured_pem(
     task = Task(
         build, [piece(one) for one in each], each[0].dt, len(start), isinstance(gain, str) and gain == "free",
         isinstance(x0, str) and x0 == "estimate", tuple(_fixed(x0, model) for _ in each), horizon,
-        focus == "simulation", regulariser, own, parameter_sizes(build, start),
+        focus == "simulation", regulariser, own, parameter_sizes(build, start, (low, high)),
     )  # fmt: skip
     return _finished(task, (low, high), *_minimised(task, start, (low, high), iterations), each[0])
 

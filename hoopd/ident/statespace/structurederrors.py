@@ -45,14 +45,14 @@ class Task:
     sizes: Array  # of the parameters (count,), in their units
 
 
-def parameter_sizes(constructor: Callable[[Array], Innovations], p: Array) -> Array:
+def parameter_sizes(constructor: Callable[[Array], Innovations], p: Array, bounds: tuple[Array, Array]) -> Array:
     """Sizes (count,) of parameters, by what they do to the matrices and to an initial state where they are small."""
     here = _blocks(constructor(p))
 
     def share(sets: Array) -> Array:
         return np.array([_share(here, _blocks(constructor(v))) for v in sets.T])
 
-    return variable_sizes(share, p)
+    return variable_sizes(share, p, bounds)
 
 
 def _blocks(model: Innovations) -> list[Array]:
