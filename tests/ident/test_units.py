@@ -7,14 +7,18 @@ from collections.abc import Callable
 import control as ct
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.signal import lfilter
 
 from hoopd.ident.confidence import pole_spread, response_spread
 from hoopd.ident.continuous_transfer import srivc
 from hoopd.ident.data import iddata
+from hoopd.ident.polynomial.pem import bj
 from hoopd.ident.prediction import simulate
 from hoopd.ident.statespace.nonlinear import nonlinear_pem
 from hoopd.ident.statespace.step_sizes import variable_sizes
 from hoopd.ident.statespace.structured import structured_pem
+from hoopd.ident.uncertain import possible_models
 
 
 def steps(n: int, seed: int = 0) -> np.ndarray:
@@ -111,3 +115,14 @@ def test_the_size_of_a_zero_is_what_changes_everything() -> None:
 
     found = variable_sizes(share, np.array([0.0, 2.0, 1e-12, 0.0]), (low, high))
     assert found == pytest.approx([3e-9, 2.0, 4e5, 1e-12], rel=1e-3)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e8])
+def test_possible_models_reach_as_far_in_every_unit_of_the_input(unit: float) -> None:
+    u, e = np.random.default_rng(0).standard_normal((2, 300))
+    y = lfilter([0.0, 2.0], [1.0], u) + lfilter([1.0, 0.5], [1.0, -0.7], 0.5 * e)
+    model = bj(iddata(y, u * unit, 0.1), 1, 1, 1, 0)
+    gains = np.array([one.system.dcgain().item() for one in possible_models(model, count=20)])
+    # the gain is one of the coefficients: the ellipsoid holds it within so many of its deviations
+    reach = np.sqrt(stats.chi2.ppf(0.95, len(model.names))) * model.deviations()["b1"]
+    assert 0.9 * reach < np.abs(gains - model.b[0][1]).max() < 1.001 * reach
