@@ -25,7 +25,7 @@ from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace.coloured import autoregression_of, shaped
+from hoopd.ident.statespace.coloured import autoregression_of, gradient_covariance, together
 from hoopd.ident.statespace.sensitivities import paired, piece
 from hoopd.ident.statespace.step_sizes import scales
 from hoopd.ident.statespace.structurederrors import (
@@ -314,7 +314,8 @@ def _finished(
 
 
 def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.bool_]) -> Array:
-    """(count, count): the inverse of J'J of whitened errors; J'SJ between two of them where they are not white."""
+    """(count, count): the inverse of J'J of errors in standard deviations; J'SJ between two of them where these are not
+    white, or where those of several outputs go together."""
     count = sum(one.y.size for one in task.pieces)
     sd = np.sqrt(np.maximum(variance_of(task, paths), 1e-300))
     whiten = np.diag(1.0 / sd)
@@ -327,15 +328,17 @@ def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.b
     names = [task.names[i] for i in np.flatnonzero(reached[: task.count])]
     check_determined(gram, names)
     inverse = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
-    if task.simulation or task.horizon > 1:
-        noise = autoregression_of([(whiten @ e).T for e in paths])
-        middle, first = np.zeros_like(inverse), 0
-        for one in task.pieces:
-            change = j[first : first + one.y.size].reshape(*one.y.shape, -1).transpose(0, 2, 1)
-            score = shaped(change, *noise)
-            middle += score @ score.T
-            first += one.y.size
-        inverse = inverse @ middle @ inverse
+    scaled = [whiten @ e for e in paths]
+    white = not task.simulation and task.horizon == 1
+    if len(sd) > 1 or not white:
+        known = [one.known for one in task.pieces]
+        noise = together(scaled, known) if white else autoregression_of([e.T for e in scaled])
+        ends = np.cumsum([one.y.size for one in task.pieces])[:-1]
+        changes = [
+            rows.reshape(*one.y.shape, -1).transpose(0, 2, 1)
+            for rows, one in zip(np.split(j, ends), task.pieces, strict=True)
+        ]
+        inverse = inverse @ gradient_covariance(changes, noise) @ inverse
     whole = np.full((len(free), len(free)), np.nan)
     whole[np.ix_(reached, reached)] = inverse
     return whole[: task.count, : task.count]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import casadi
@@ -176,6 +177,25 @@ def test_a_structure_keeps_to_its_bounds_and_says_what_is_not_determined() -> No
         )
     with pytest.raises(ValueError, match="outside its bounds"):
         structured_pem(data, pitch, PITCH, bounds=(0.0, 1.0))
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.95])
+def test_two_sensors_of_a_structure_tell_no_more_than_their_mean(correlation: float) -> None:
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(400)
+    e = rng.standard_normal((400, 2)) @ np.linalg.cholesky([[1.0, correlation], [correlation, 1.0]]).T
+    y = lfilter([0.0, 1.0], [1.0, -0.8], u)[:, None] + 0.5 * e
+    y[50:60, 1] = np.nan
+
+    def built(sensors: int) -> Callable[[np.ndarray], ct.StateSpace]:
+        return lambda p: ct.ss([[p[0]]], [[p[1]]], np.ones((sensors, 1)), np.zeros((sensors, 1)), 1.0)
+
+    both, mean = (
+        structured_pem(iddata(seen, u, 1.0), built(sensors), [0.7, 0.9], x0="zero")
+        for seen, sensors in ((y, 2), (y.mean(axis=1), 1))
+    )
+    for name, sd in mean.deviations().items():
+        assert both.deviations()[name] == pytest.approx(sd, rel=0.05)
 
 
 def test_a_casadi_structure_and_a_free_gain() -> None:
