@@ -15,6 +15,7 @@ from hoopd.ident.continuous_transfer import srivc
 from hoopd.ident.data import iddata
 from hoopd.ident.polynomial.pem import bj
 from hoopd.ident.prediction import simulate
+from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
 from hoopd.ident.statespace.nonlinear import nonlinear_pem
 from hoopd.ident.statespace.step_sizes import variable_sizes
 from hoopd.ident.statespace.structured import structured_pem
@@ -104,6 +105,20 @@ def test_a_drag_is_fitted_alike_in_every_unit() -> None:
         found.append([model.p[0] * unit, *np.sqrt(np.diag(model.covariance)) * [unit, 1.0]])
     assert found[1] == pytest.approx(found[0], rel=1e-5)
     assert abs(found[0][0] - 0.8) < 4.0 * found[0][1]
+
+
+def test_a_map_is_fitted_alike_in_every_unit() -> None:
+    u, e = np.random.default_rng(0).standard_normal((2, 300))
+    y = lfilter([0.0, 1.0], [1.0, -0.7], np.sign(u) * np.maximum(np.abs(u) - 0.5, 0.0)) + 0.01 * e
+    found = []
+    for unit in (1.0, 1e-12):
+        model = hammerstein_wiener(
+            iddata(y, u * unit), 1, [0.2 * unit],
+            input_map=lambda u, p: np.sign(u) * np.maximum(np.abs(u) - p[0], 0.0), starts=1,
+        )  # fmt: skip
+        found.append([model.parameters["p1"] / unit, model.deviations()["p1"] / unit])
+    assert found[1] == pytest.approx(found[0], rel=1e-4)
+    assert abs(found[0][0] - 0.5) < 4.0 * found[0][1] < 0.1
 
 
 def test_the_size_of_a_zero_is_what_changes_everything() -> None:
