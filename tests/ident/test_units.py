@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from hoopd.ident.confidence import pole_spread, response_spread
 from hoopd.ident.continuous_transfer import srivc
-from hoopd.ident.data import iddata
+from hoopd.ident.data import experiments, iddata
 from hoopd.ident.polynomial.pem import bj
 from hoopd.ident.prediction import simulate
 from hoopd.ident.statespace.hammersteinwiener import hammerstein_wiener
@@ -119,6 +119,11 @@ def test_a_map_is_fitted_alike_in_every_unit() -> None:
         found.append([model.parameters["p1"] / unit, model.deviations()["p1"] / unit])
     assert found[1] == pytest.approx(found[0], rel=1e-4)
     assert abs(found[0][0] - 0.5) < 4.0 * found[0][1] < 0.1
+
+
+def test_short_steps_are_told_apart() -> None:
+    with pytest.raises(ValueError, match="a step of 3e-08 s, the first one of 2e-08 s"):
+        experiments([iddata(np.zeros(5), dt=2e-8), iddata(np.zeros(5), dt=3e-8)])
 
 
 def test_the_size_of_a_zero_is_what_changes_everything() -> None:

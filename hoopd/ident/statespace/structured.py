@@ -211,7 +211,7 @@ def _innovations(made: Any, dt: float) -> Innovations:
     if isinstance(made, ct.StateSpace):
         parts = [made.A, made.B, made.C, made.D]
         continuous = made.dt == 0 or made.dt is None
-        if not continuous and not np.isclose(float(made.dt), dt, rtol=1e-6):
+        if not continuous and not np.isclose(float(made.dt), dt, rtol=1e-6, atol=0.0):
             raise ValueError(f"the constructor gives a step of {made.dt} s, the data have one of {dt} s")
     else:  # what a CasADi function or a plain one hands out
         parts, continuous = [np.array(one, dtype=float) for one in made], True
