@@ -18,7 +18,7 @@ STEP = 1e-5
 # A variable that has come this much nearer to zero than its size keeps the steps that it had there.
 NEAR = 1e-3
 # The first step that is tried, of a variable and of one that is zero, what the next ones are longer by, and the last.
-FIRST, OF_ZERO, LONGER, LONGEST = 1e-5, 1e-20, 1e4, 1e-4
+FIRST, OF_ZERO, LONGER, LONGEST = 1e-5, 1e-20, 1e4, 1.0
 # A step is felt where it changes this share: four digits of it stand above rounding.
 FELT = 1e-11
 
