@@ -22,6 +22,7 @@ from hoopd.recording import Recording, load, save
 from hoopd.recording.doubts import doubts
 from hoopd.recording.edit import between, resampled
 from hoopd.recording.formats import extension_of, split_path
+from hoopd.recording.recording import rounded_step_s
 from hoopd.recording.tick_columns import FILE_ORDER
 
 # Formats of columns alone.
@@ -70,7 +71,7 @@ def summary(recording: Recording, plant: Plant | None = None) -> dict[str, Any]:
     return {
         "rows": len(recording),
         "seconds": float(recording.t[-1] - recording.t[0]),
-        "step_s": None if len(recording) < 2 else round(recording.sample_time_s, 9),
+        "step_s": None if len(recording) < 2 else rounded_step_s(recording),
         "signals": present,
         "missing": {name: missing[name] for name in present},
         "notes": _doubts(recording, plant),

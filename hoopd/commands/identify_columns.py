@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.commands.identify_data import EVEN, SHORTEST, in_step
+from hoopd.commands.identify_data import EVEN, SAME_STEP, SHORTEST, in_step
 from hoopd.files.reading import InputError
 from hoopd.ident.data import Data, iddata
 from hoopd.recording.column_choice import ANY_UNIT, SignalLayout
 from hoopd.recording.edit import resampled
-from hoopd.recording.recording import Recording
+from hoopd.recording.recording import Recording, rounded_step_s
 from hoopd.recording.slices import read_recording
 from hoopd.recording.spans import spans
 
@@ -79,8 +79,8 @@ def read_columns(
         parts, notes = _stretches(recording, name, choice)
         found += parts
         said += notes
-    if steps := sorted({round(one.dt, 9) for one in found})[1:]:
-        reason = f"files of different steps ({found[0].dt:g} and {steps[-1]:g} s): --sample-time brings all to one"
+    if other := next((one for one in found if abs(one.dt / found[0].dt - 1.0) > SAME_STEP), None):
+        reason = f"files of different steps ({found[0].dt:g} and {other.dt:g} s): --sample-time brings all to one"
         raise InputError(names[-1], "", reason)
     return found, units, said
 
@@ -126,7 +126,7 @@ def _in_our_words(error: InputError, choice: ColumnChoice) -> InputError:
 
 
 def _stretches(recording: Recording, name: str, choice: ColumnChoice) -> tuple[list[Data], list[str]]:
-    step, notes = round(recording.sample_time_s, 9), []
+    step, notes = rounded_step_s(recording), []
     y, u = _table(recording, choice.outputs), _table(recording, choice.inputs)
     kept = in_step(recording, step, name, "--sample-time S")
     known = np.asarray(np.isfinite(u).all(axis=1))

@@ -20,7 +20,7 @@ from hoopd.files.reading import InputError
 from hoopd.ident.checks import CONSTANT
 from hoopd.ident.data import Data, iddata
 from hoopd.plants.declaration import Plant
-from hoopd.recording.recording import MISSED_STEPS, Recording
+from hoopd.recording.recording import MISSED_STEPS, Recording, rounded_step_s
 from hoopd.recording.spans import spans
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
     whole = np.asarray(np.isfinite(y).all(axis=1))
     if not whole.any():
         raise InputError(name, "", "no row holds all of the outputs that are asked for")
-    found, step = [], round(recording.sample_time_s, 9)
+    found, step = [], rounded_step_s(recording)
     # the daemon's own ticks come when they can
     kept = in_step(recording, step, name, "hoopd convert --step" if not recording.is_tick else "")
     parts = [(first + a, first + b) for first, last in kept for a, b in spans(known[first:last])]

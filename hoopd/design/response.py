@@ -27,6 +27,9 @@ Lti: TypeAlias = control.StateSpace | control.TransferFunction
 DECADES = 1e3
 # A pole or zero this small beside the largest stands at the origin, but for rounding.
 AT_ORIGIN = 1e-7
+# Beside the largest singular value, and for each state: below this a matrix has no inverse, but for its rounding and
+# that of the exponential of a stiff plant that was sampled.
+SINGULAR = 10.0 * float(np.finfo(float).eps)
 # Stands for 0 where a logarithm is taken.
 TINY = 1e-300
 # Turns of a delay's phase that the grid follows; a loop is long small by then.
@@ -91,10 +94,18 @@ def _features(system: control.StateSpace) -> Array:
 
 
 def is_finite_at_dc(system: control.StateSpace) -> bool:
-    """No pole at s = 0 (z = 1)."""
+    """No pole at s = 0 (z = 1), of a system whose states are balanced (`prepared`).
+
+    Of a double pole rounding makes two that are the root of it away: A (A - I) is asked whether it has an inverse.
+    """
+    if not system.nstates:
+        return True
     centre = 1.0 if system.isdtime(strict=True) else 0.0
     poles = system.poles()
-    return not poles.size or bool(np.abs(poles - centre).min() > 1e-12 * max(1.0, np.abs(poles).max()))
+    if np.abs(poles - centre).min() <= 1e-12 * max(1.0, np.abs(poles).max()):
+        return False
+    sizes = np.linalg.svd(system.A - centre * np.eye(system.nstates), compute_uv=False)
+    return bool(sizes[-1] > SINGULAR * system.nstates * sizes[0])
 
 
 def log_size(system: control.StateSpace, w: float) -> float:

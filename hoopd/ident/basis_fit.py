@@ -84,7 +84,7 @@ def fit_basis(data: Data | Sequence[Data], basis: Basis, *, ridge: float = 0.0) 
     array([ 2. , -1. ,  0.5])
     """
     each = experiments(data)
-    if basis.dt and not np.isclose(basis.dt, each[0].dt):
+    if basis.dt and not np.isclose(basis.dt, each[0].dt, atol=0.0):
         raise ValueError(f"the basis has a step of {basis.dt} s, the data of {each[0].dt} s")
     if each[0].nu == 0:
         raise ValueError("no input: a basis filters inputs")

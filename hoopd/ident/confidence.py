@@ -66,7 +66,8 @@ class Coefficients:
     def change(self, function: Callable[[Innovations], Complex]) -> Complex:
         """Derivatives (..., m) of a function of the model."""
         sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        steps = np.maximum(STEP * sd, LEAST * np.maximum(np.abs(self.values), 1.0))
+        steps = np.maximum(STEP * sd, LEAST * np.abs(self.values))
+        steps[steps == 0.0] = LEAST  # a zero that is known: what it changes counts for nothing
         columns = []
         for i, step in enumerate(steps):
             up, down = (self.made(self.values + sign * step * np.eye(len(steps))[i]) for sign in (1.0, -1.0))

@@ -234,7 +234,7 @@ def experiments(data: Data | Sequence[Data]) -> list[Data]:
             raise ValueError(
                 f"experiment {i} has {one.ny} outputs and {one.nu} inputs, the first has {first.ny} and {first.nu}"
             )
-        if not np.isclose(one.dt, first.dt, rtol=1e-6):
+        if not np.isclose(one.dt, first.dt, rtol=1e-6, atol=0.0):
             raise ValueError(f"experiment {i} has a step of {one.dt} s, the first one of {first.dt} s")
     return each
 

@@ -279,7 +279,7 @@ def _mapped(data: Data, change: Callable[[Array], Array]) -> Data:
 
 
 def _coefficients(system: ct.TransferFunction, data: Data) -> tuple[Array, Array]:
-    if not system.issiso() or not system.dt or (system.dt is not True and not np.isclose(system.dt, data.dt)):
+    if not system.issiso() or not system.dt or (system.dt is not True and not np.isclose(system.dt, data.dt, atol=0.0)):
         raise ValueError(f"a filter is a discrete system of one input and output with a step of {data.dt} s")
     num, den = np.asarray(system.num[0][0], float), np.asarray(system.den[0][0], float)
     return np.concatenate([np.zeros(max(len(den) - len(num), 0)), num]), den

@@ -287,7 +287,7 @@ def matched(model: Any, data: Data) -> Innovations:
     own = innovation_form(model, data.dt)
     if (own.ny, own.nu) != (data.ny, data.nu):
         raise ValueError(f"the model has {own.ny} outputs and {own.nu} inputs, the data have {data.ny} and {data.nu}")
-    if not np.isclose(own.dt, data.dt, rtol=1e-6):
+    if not np.isclose(own.dt, data.dt, rtol=1e-6, atol=0.0):
         raise ValueError(f"the model has a step of {own.dt} s, the data of {data.dt} s: resample one of them")
     return own
 

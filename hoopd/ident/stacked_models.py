@@ -95,7 +95,7 @@ def stack(models: Sequence[Polynomials]) -> StackedModels:
     if not rows:
         raise ValueError("no model given")
     for row in rows[1:]:
-        if row.nu != rows[0].nu or not np.isclose(row.dt, rows[0].dt, rtol=1e-6):
+        if row.nu != rows[0].nu or not np.isclose(row.dt, rows[0].dt, rtol=1e-6, atol=0.0):
             raise ValueError(f"{row.output} has {row.nu} inputs and a step of {row.dt} s, {rows[0].output} other ones")
     reports = [row.report for row in rows if row.report is not None]
     return StackedModels(rows, _common(reports) if len(reports) == len(rows) else None)

@@ -20,7 +20,8 @@ from hoopd.ident.models import Innovations
 
 Array = NDArray[np.float64]
 
-# Directions whose variance is below this share of the largest are rounding, such as changes of basis.
+# Directions of the coefficients in standard deviations, each of its own, whose variance is below this share of the
+# largest are rounding, such as changes of basis.
 NOTHING = 1e-12
 
 
@@ -112,11 +113,16 @@ def surface(axes: int, count: int, level: float, seed: int) -> Iterator[Array]:
 
 
 def _axes(covariance: Array) -> Array:
-    """(m, axes) half axes of one standard deviation, the longest last."""
-    variances, axes = np.linalg.eigh(covariance)
-    real = variances > NOTHING * variances[-1]
-    found: Array = axes[:, real] * np.sqrt(variances[real])
-    return found
+    """(m, axes) half axes of one standard deviation, the longest in standard deviations of the coefficients last.
+
+    Coefficients have units of their own: the axes are those of the correlations, R = V diag(v) V', scaled back.
+    """
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    free = sd > 0.0
+    found = np.zeros((len(sd), int(free.sum())))
+    variances, axes = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free]))
+    found[free] = sd[free, None] * axes * np.sqrt(np.maximum(variances, 0.0))
+    return found[:, variances > NOTHING * variances[-1]]
 
 
 def _flat(model: Innovations) -> Array:

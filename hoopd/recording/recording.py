@@ -164,6 +164,11 @@ class Recording:
         return dataclasses.replace(self, **changes)
 
 
+def rounded_step_s(recording: Recording) -> float:
+    """Median step of the rows to eight digits, whatever its size: 0.02 where times add up to 0.0200000000004."""
+    return float(f"{recording.sample_time_s:.8g}")
+
+
 def with_hold(recording: Recording, hold: str) -> Recording:
     """The recording with inputs that go on in this way, and with readings that are means where all is."""
     inputs = {name: dataclasses.replace(signal, hold=hold) for name, signal in recording.inputs.items()}

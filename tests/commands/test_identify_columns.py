@@ -153,6 +153,22 @@ def test_inputs_that_act_late_are_told(folder: Path, monkeypatch: pytest.MonkeyP
     assert {"b1", "b2"} <= at_once and {"b4", "b5"} <= late and "b1" not in late
 
 
+def test_a_step_has_its_digits_however_short_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = table()[:200]
+    for name, start, step in (("sound", 0.0, 1.0 / 44100.0), ("slow", 0.0, 0.02), ("late", 1e5, 0.02)):
+        rows[:, 0] = start + np.cumsum(np.full(200, step))
+        np.savetxt(f"{name}.csv", rows, delimiter=",", header="t,u,y,Other", comments="")
+    signals = ("--input", "u", "--output", "y", *QUICK)
+    told(tmp_path, "sound.csv", *signals, "--out", "sound.yaml")
+    assert load_identified(Path("sound.yaml")).sample_time_s == pytest.approx(1.0 / 44100.0, rel=1e-7)
+    # times that were added up, and times of a clock that has run for a day: the same step but for rounding
+    told(tmp_path, "slow.csv", "late.csv", *signals, "--out", "slow.yaml")
+    assert load_identified(Path("slow.yaml")).sample_time_s == 0.02
+    code, _, errors = call(("identify", "sound.csv", "slow.csv", *signals))
+    assert code == 2 and "files of different steps" in errors
+
+
 BAD = [
     (("run.csv", "--input", "Valve"), "--output"),
     (("run.csv", "--input", "Valve", "--output", "Levle"), "no such column"),

@@ -291,6 +291,34 @@ def test_a_resonance_behind_the_first_fall_parts_the_two_bandwidths() -> None:
     assert found.below_dc_rad_s == pytest.approx(1.0, abs=0.03) and 10.0 < found.absolute_rad_s < 12.0
 
 
+@pytest.mark.parametrize("sampled", [False, True])
+@pytest.mark.parametrize("stiffness", [0.5, 50.0, 500.0])
+def test_a_free_drive_of_two_masses_integrates_however_stiff_its_shaft(stiffness: float, sampled: bool) -> None:
+    j1, j2, k, d = 1e-4, 3e-4, stiffness, 1e-2
+    a = [[0, 0, 1, 0], [0, 0, 0, 1], [-k / j1, k / j1, -d / j1, d / j1], [k / j2, -k / j2, d / j2, -d / j2]]
+    drive = control.ss(a, [[0], [0], [1 / j1], [0]], [[1, 0, 0, 0]], 0)
+    found = bandwidth(held(drive, 0.001) if sampled else drive)
+    assert math.isnan(found.below_dc_rad_s) and math.isinf(found.dc_gain)
+    if sampled:
+        return
+    # S = den/(den + num) of L = (j2 s^2 + d s + k) / (j1 j2 s^4 + (j1 + j2) s^2 (d s + k))
+    den, num = np.array([j1 * j2, (j1 + j2) * d, (j1 + j2) * k, 0.0, 0.0]), np.array([j2, d, k])
+    closed = np.polyadd(den, num)
+    w = 1j * np.concatenate([np.geomspace(0.1, 1e5, 100_000), np.abs(np.roots(closed).imag)])
+    largest = np.abs(np.polyval(den, w) / np.polyval(closed, w)).max()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert margins(drive).peak_sensitivity == pytest.approx(largest, rel=1e-3)
+
+
+@pytest.mark.parametrize("step_s", [None, 0.001])
+def test_what_is_slow_beside_the_rest_does_not_integrate(step_s: float | None) -> None:
+    slow = control.ss([[-1e-4, 1.0, 0.0], [0.0, -2e-4, 1.0], [0.0, 0.0, -1e3]], [[0], [0], [1e3]], [[2e-8, 0, 0]], 0)
+    found = bandwidth(slow if step_s is None else held(slow, step_s))
+    assert found.dc_gain == pytest.approx(1.0, rel=1e-5)
+    assert step_s or found.below_dc_rad_s == pytest.approx(8.4e-5, rel=0.01)
+
+
 def test_sampling_advice_is_ten_to_thirty_times_the_bandwidth() -> None:
     found = sampling_advice(19.254)
     assert found.slowest_hz == pytest.approx(30.64, abs=0.01) and found.fastest_hz == pytest.approx(91.93, abs=0.01)

@@ -29,14 +29,18 @@ from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations, standard_errors
 from hoopd.ident.statespace import coordinates
+from hoopd.ident.statespace.coloured import autoregression_of, together
 from hoopd.ident.statespace.coordinates import Freedom
 from hoopd.ident.statespace.hammersteinerrors import (
     HammersteinTask,
     SearchPoint,
     Static,
     evaluated,
+    gradient_covariance,
     normal_equations,
+    parameter_sizes,
     same,
+    weighted_by,
 )
 from hoopd.ident.statespace.linear import states
 from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system
@@ -54,6 +58,7 @@ SCREEN = 30  # steps that every start gets
 FINISHED = 6  # starts that are then brought to their minimum
 EXACT = 1e-20  # of the outputs' power: nothing is left to fit
 DAMPING = Damping(first=1e-3, easier=0.2, harder=8.0, least=1e-9, again=1e-6, trials=10)
+ROUNDS = 2  # of weights of the outputs
 AGREE = 1.01  # two starts that end within a percent of the least cost have found the same minimum
 
 
@@ -69,7 +74,7 @@ class HammersteinWiener(FreeModel):
     r: Array
     input_map: Static
     output_map: Static
-    costs: tuple[float, ...]  # of the starts that were finished, the least first
+    costs: tuple[float, ...]  # of the starts that were finished, the least first; of several outputs in their sizes
     report: EstimationReport | None = field(default=None, compare=False)
 
     @property
@@ -169,9 +174,9 @@ def hammerstein_wiener(
 ) -> HammersteinWiener:
     """Estimate a linear model between static nonlinearities of known shape and unknown parameters.
 
-    v = g(u, p), x+ = A x + B v + K e, z = C x + D v, y = h(z, p) + e. The model of least squared errors is looked for
-    from many starts: `start` or a subspace estimate, then random stable ones. The search ends early when two starts
-    agree on the least cost. Missing outputs are left out.
+    v = g(u, p), x+ = A x + B v + K e, z = C x + D v, y = h(z, p) + e. The model of least squared errors, each output
+    beside the size of its errors, is looked for from many starts: `start` or a subspace estimate, then random stable
+    ones. The search ends early when two starts agree on the least cost. Missing outputs are left out.
 
     Parameters
     ----------
@@ -205,8 +210,8 @@ def hammerstein_wiener(
     Returns
     -------
     HammersteinWiener
-        The `linear` part, the `parameters` by name with their `covariance`, initial states, errors; it can
-        `simulate(data)`.
+        The `linear` part, the `parameters` by name with their `covariance` (of a simulation with the errors' colour),
+        initial states, errors; it can `simulate(data)`.
 
     Raises
     ------
@@ -240,20 +245,33 @@ def hammerstein_wiener(
     own = tuple(names) if names is not None else tuple(f"p{i + 1}" for i in range(len(p)))
     if len(own) != len(p) or len(set(own)) != len(p):
         raise ValueError(f"{len(p)} different names wanted, not {list(own)}")
-    task = HammersteinTask([piece(one) for one in each], input_map or same, output_map or same, Freedom(direct, False))
+    task = HammersteinTask(
+        [piece(one) for one in each], input_map or same, output_map or same, Freedom(direct, False),
+        np.ones(each[0].ny), np.ones(len(p)),
+    )  # fmt: skip
     _check_maps(task, p, each[0], linear_inputs)
+    task = weighted_by(replace(task, sizes=parameter_sizes(task, p)), None)
     first = start or _approximation(task, each, order, p)
     found = _search(task, first, order, p, starts, np.random.default_rng(seed), iterations)
     best = found[0]
     if not np.isfinite(best.cost):
         raise ValueError("no start gave a finite simulation")
+    task, best = _reweighted(task, best, iterations)
     if focus == "prediction":
         task = replace(task, free=Freedom(direct, True))
-        best = _minimised(task, best, iterations)
+        task, best = _reweighted(task, _minimised(task, best, iterations), iterations)
     if not best.ended:
         unsettled(iterations)
     _check_linear(task, best, each)
     return _result(task, best, own, [one.cost for one in found], each[0])
+
+
+def _reweighted(task: HammersteinTask, best: SearchPoint, iterations: int) -> tuple[HammersteinTask, SearchPoint]:
+    """Minima under weights of the outputs that are renewed from their errors."""
+    for _ in range(ROUNDS if len(task.weight) > 1 else 0):
+        task = weighted_by(task, best)
+        best = _minimised(task, evaluated(task, best.model, best.p, best.starts), iterations)
+    return task, best
 
 
 def _check_linear(task: HammersteinTask, best: SearchPoint, each: Sequence[Data]) -> None:
@@ -361,22 +379,39 @@ def _moved(task: HammersteinTask, point: SearchPoint, columns: Array, step: Arra
 
 
 def _power(task: HammersteinTask) -> float:
-    return float(sum(np.vdot(one.y, one.y) for one in task.pieces))
+    return float(sum(np.sum(np.square(task.weight[:, None] * one.y)) for one in task.pieces))
 
 
 def _result(
     task: HammersteinTask, best: SearchPoint, names: tuple[str, ...], costs: list[float], one: Data
 ) -> HammersteinWiener:
     count = sum(int(own.known.sum()) for own in task.pieces)
-    _, gram = normal_equations(task, best, coordinates.basis(best.model, task.free))
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    relative, first = gram / np.outer(scale, scale), len(gram) - len(best.p)
-    check_determined(np.roll(relative, len(best.p), axis=(0, 1)), names)
-    inverse = linalg.pinvh(relative, rtol=1e-12) / np.outer(scale, scale)
-    whole = inverse * best.cost / max(count - len(gram), 1)
+    covariance = _covariance(task, best, names)
+    first = len(covariance) - len(best.p)
+    cost = float(sum(np.vdot(path.e, path.e) for path in best.paths))
     r = paired([path.e for path in best.paths], [own.known for own in task.pieces])
     return HammersteinWiener(
         replace(best.model, dt=one.dt, x0=best.starts[0], inputs=one.inputs, outputs=one.outputs),
         dict(zip(names, best.p.tolist(), strict=True)),
-        whole[first:, first:], best.starts, best.cost / count, r, task.g, task.h, tuple(costs),
+        covariance[first:, first:], best.starts, cost / count, r, task.g, task.h, tuple(costs),
     )  # fmt: skip
+
+
+def _covariance(task: HammersteinTask, best: SearchPoint, names: tuple[str, ...]) -> Array:
+    """(unknowns, unknowns): J'SJ between two inverses of J'J, S the covariance of all errors.
+
+    Those of a predictor are white, and of several outputs correlated at one moment; those of a simulation hold whatever
+    disturbs, by an autoregression of theirs.
+    """
+    known = [own.known for own in task.pieces]
+    count = sum(int(one.sum()) for one in known)
+    columns = coordinates.basis(best.model, task.free)
+    _, gram = normal_equations(task, best, columns)
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    relative = gram / np.outer(scale, scale)
+    check_determined(np.roll(relative, len(best.p), axis=(0, 1)), names)
+    inverse = linalg.pinvh(relative, rtol=1e-12) / np.outer(scale, scale)
+    scaled = [task.weight[:, None] * path.e for path in best.paths]
+    noise = together(scaled, known) if task.free.gain else autoregression_of([e.T for e in scaled])
+    middle = gradient_covariance(task, best, columns, noise)
+    return np.asarray(inverse @ middle @ inverse * count / max(count - len(gram), 1))

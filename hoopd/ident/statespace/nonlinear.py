@@ -26,6 +26,7 @@ from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import integrator
 from hoopd.ident.statespace.filter_graph import FilterGraph, as_array, as_symbols, filter_graph
 from hoopd.ident.statespace.nonlinear_prediction import best_start, nonlinear_system, predicted, simulated
+from hoopd.ident.statespace.step_sizes import STEP, difference_steps, scales, variable_sizes
 from hoopd.ident.statespace.unscented import Map, NonlinearSystem, filtered
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 INTEGRATING = 2.0  # standard errors within which a pole cannot be told from 1
-STEP = 1e-5  # relative, of the central differences
+NEAR_MIDDLE = 1e-2  # of a state's largest value: steps of a linearisation nearer to zero stay as long as there
 LOST = 1e6  # errors of a filter that diverged, in standard deviations
 
 
@@ -113,6 +114,7 @@ class _Task:
     prior: Array | None  # standard deviations of the parameters
     centre: Array
     graph: FilterGraph | None  # of the filter, where f and h can be followed
+    sizes: Array  # of the parameters, then of the initial states where they are free, in their units
 
 
 @estimated("nonlinear grey box")
@@ -215,35 +217,58 @@ def nonlinear_pem(
     weight = np.linalg.inv(np.linalg.cholesky(r))
     sd = None if prior is None else np.broadcast_to(np.asarray(prior, dtype=float), p.shape)
     graph = filter_graph(system, each[0].y, each[0].u, each[0].t, p, start)
-    task = _Task(system, each, len(p), estimate_x0, tuple(start for _ in each), weight, sd, p, graph)
+    none = np.ones(len(p) + len(start) * len(each) * estimate_x0)
+    task = _Task(system, each, len(p), estimate_x0, tuple(start for _ in each), weight, sd, p, graph, none)
+    task = replace(task, sizes=_sizes(task, (low, high)))
     return _minimised(task, _names(names, len(p)), (low, high), iterations, tolerance)
 
 
 def _minimised(
     task: _Task, names: tuple[str, ...], bounds: tuple[Array, Array], iterations: int, tolerance: float
 ) -> Nonlinear:
-    tail = np.concatenate(task.fixed) if task.free_start else np.zeros(0)
-    z = np.concatenate([task.centre, tail])
+    z = _first(task)
     if _errors(task, z[:, None]).max() >= LOST:
         raise ValueError("the filter diverges from the guess: start elsewhere, or give more process noise")
-    far = np.full(len(tail), np.inf)
+    far = np.full(len(z) - task.count, np.inf)
     # one factor for all: without it, tolerances would depend on the scale of the noise
     level = np.sqrt(np.mean(np.square(_errors(task, z[:, None])[: _count(task)])) * _count(task)) + 1e-300
+    # in the variables' own units the search's tolerances would hold for large ones alone
+    own = scales(task.sizes)
     latest: dict[bytes, Array] = {}
 
     def errors(v: Array) -> Array:
         latest.clear()
-        latest[v.tobytes()] = _errors(task, v[:, None])
+        latest[v.tobytes()] = _errors(task, (v * own)[:, None])
         return np.asarray(latest[v.tobytes()][:, 0] / level)
 
     found = optimize.least_squares(
-        errors, z, lambda v: _one_sided(task, v, bounds, latest.get(v.tobytes())) / level,
-        (np.concatenate([bounds[0], -far]), np.concatenate([bounds[1], far])), x_scale="jac",
+        errors, z / own, lambda v: _one_sided(task, v * own, bounds, latest.get(v.tobytes())) * own / level,
+        (np.concatenate([bounds[0], -far]) / own, np.concatenate([bounds[1], far]) / own), x_scale="jac",
         ftol=tolerance, xtol=tolerance, gtol=1e-12, max_nfev=iterations,
     )  # fmt: skip
     if found.status == 0:
         unsettled(int(found.nfev))
-    return _result(task, names, found.x, bounds, int(found.nfev))
+    return _result(task, names, found.x * own, bounds, int(found.nfev))
+
+
+def _first(task: _Task) -> Array:
+    """The variables that the search begins with."""
+    return np.concatenate([task.centre, *(task.fixed if task.free_start else ())])
+
+
+def _sizes(task: _Task, bounds: tuple[Array, Array]) -> Array:
+    """Sizes of all variables, by what they change of the outputs where they are small."""
+    z = _first(task)
+    here, outputs = _errors(task, z[:, None]), [np.nan_to_num(one.y) @ task.weight.T for one in task.each]
+    power = float(np.sqrt(sum(np.vdot(y, y) for y in outputs)))
+    if power == 0.0:
+        return np.where(z == 0.0, 1.0, np.abs(z))
+
+    def share(sets: Array) -> Array:
+        return np.asarray(np.linalg.norm((_errors(task, sets) - here)[: _count(task)], axis=0) / power)
+
+    far = np.full(len(z) - task.count, np.inf)
+    return variable_sizes(share, z, (np.concatenate([bounds[0], -far]), np.concatenate([bounds[1], far])))
 
 
 def _result(task: _Task, names: tuple[str, ...], z: Array, bounds: tuple[Array, Array], evaluations: int) -> Nonlinear:
@@ -275,17 +300,18 @@ def _check_integrator(task: _Task, z: Array, covariance: Array) -> None:
     one, m = task.each[0], task.count
     states = _filter(task, one, z[:m, None], _starts(task, z[:, None])[0])[1]
     x, u = np.median(states[:, :, 0], axis=0), np.median(one.u, axis=0)
-    h = STEP * np.maximum(np.abs(z[:m]), 1e-2)
+    h = difference_steps(z[:m], task.sizes[:m])
     sets = np.column_stack([z[:m], z[:m, None] + np.diag(h)])
-    poles = np.array([_nearest_to_one(task.system, x, u, p) for p in sets.T])
+    sizes = np.abs(states[:, :, 0]).max(axis=0)
+    poles = np.array([_nearest_to_one(task.system, x, np.where(sizes > 0.0, sizes, 1.0), u, p) for p in sets.T])
     slope = (poles[1:] - poles[0]) / h
     spread = float(np.sqrt(max(float((slope.conj() @ covariance[:m, :m] @ slope).real), 0.0)))
     if abs(poles[0] - 1.0) < max(INTEGRATING * spread, np.sqrt(STEP) * STEP):
         warn(integrator(complex(poles[0]), sum(each.n for each in task.each)))
 
 
-def _nearest_to_one(system: NonlinearSystem, x: Array, u: Array, p: Array) -> complex:
-    h = STEP * np.maximum(np.abs(x), 1e-2)
+def _nearest_to_one(system: NonlinearSystem, x: Array, sizes: Array, u: Array, p: Array) -> complex:
+    h = STEP * np.maximum(np.abs(x), NEAR_MIDDLE * sizes)
     points = x[:, None] + np.hstack([np.diag(h), -np.diag(h)])
     moved = np.asarray(system.f(points, u[:, None], np.repeat(p[:, None], 2 * len(x), axis=1), 0.0), dtype=float)
     moved = np.broadcast_to(moved.reshape(len(x), -1), points.shape)
@@ -332,7 +358,7 @@ def _starts(task: _Task, z: Array) -> tuple[Array, ...]:
 
 def _central(task: _Task, z: Array, bounds: tuple[Array, Array]) -> Array:
     """Derivatives of `_errors` at z by central differences, one-sided at a bound, all in one run of the filter."""
-    h = STEP * np.maximum(np.abs(z), 1e-2)
+    h = difference_steps(z, task.sizes)
     sets = z[:, None] + np.concatenate([np.diag(h), -np.diag(h)], axis=1)
     sets[: task.count] = np.clip(sets[: task.count], bounds[0][:, None], bounds[1][:, None])
     m = len(z)
@@ -342,7 +368,7 @@ def _central(task: _Task, z: Array, bounds: tuple[Array, Array]) -> Array:
 
 def _one_sided(task: _Task, z: Array, bounds: tuple[Array, Array], here: Array | None) -> Array:
     """The same by half the runs, good enough to find the way by; `here` are the errors (rows, 1) at z, if known."""
-    h = STEP * np.maximum(np.abs(z), 1e-2)
+    h = difference_steps(z, task.sizes)
     above = np.concatenate([bounds[1], np.full(len(z) - task.count, np.inf)])
     steps = np.diag(np.where(z + h > above, -h, h))
     here = _errors(task, z[:, None]) if here is None else here

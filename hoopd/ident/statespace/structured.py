@@ -25,14 +25,17 @@ from hoopd.ident.identified_model import IdentifiedModel
 from hoopd.ident.loopchecks import check_record
 from hoopd.ident.modelchecks import check_model
 from hoopd.ident.models import Innovations
-from hoopd.ident.statespace.coloured import autoregression_of, shaped
+from hoopd.ident.statespace.coloured import autoregression_of, gradient_covariance, together
 from hoopd.ident.statespace.sensitivities import paired, piece
+from hoopd.ident.statespace.step_sizes import scales
 from hoopd.ident.statespace.structurederrors import (
     Task,
     allowed,
     errors,
+    parameter_sizes,
     parts_of,
     paths_of,
+    sizes_of,
     slope,
     variance_of,
     weight_of,
@@ -184,7 +187,7 @@ def structured_pem(
     task = Task(
         build, [piece(one) for one in each], each[0].dt, len(start), isinstance(gain, str) and gain == "free",
         isinstance(x0, str) and x0 == "estimate", tuple(_fixed(x0, model) for _ in each), horizon,
-        focus == "simulation", regulariser, own,
+        focus == "simulation", regulariser, own, parameter_sizes(build, start, (low, high)),
     )  # fmt: skip
     return _finished(task, (low, high), *_minimised(task, start, (low, high), iterations), each[0])
 
@@ -208,7 +211,7 @@ def _innovations(made: Any, dt: float) -> Innovations:
     if isinstance(made, ct.StateSpace):
         parts = [made.A, made.B, made.C, made.D]
         continuous = made.dt == 0 or made.dt is None
-        if not continuous and not np.isclose(float(made.dt), dt, rtol=1e-6):
+        if not continuous and not np.isclose(float(made.dt), dt, rtol=1e-6, atol=0.0):
             raise ValueError(f"the constructor gives a step of {made.dt} s, the data have one of {dt} s")
     else:  # what a CasADi function or a plain one hands out
         parts, continuous = [np.array(one, dtype=float) for one in made], True
@@ -245,17 +248,19 @@ def _minimised(task: Task, start: Array, bounds: tuple[Array, Array], iterations
         np.concatenate([side, np.full(extra, far)]) for side, far in zip(bounds, (-np.inf, np.inf), strict=True)
     )
     free = lower < upper
+    # in the variables' own units the search's tolerances and its distances from bounds would hold for large ones alone
+    own = scales(sizes_of(task, len(z)))[free]
     weight, evaluations = weight_of(task, None), 0
     for _ in range(ROUNDS if model.ny > 1 else 1):
         found = optimize.least_squares(
-            lambda v, at, w: errors(task, _put(at, free, v), w), z[free],
-            lambda v, at, w: slope(task, _put(at, free, v), w)[:, free],
-            (lower[free], upper[free]), x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-15, max_nfev=iterations,
-            args=(z, weight),
+            lambda v, at, w: errors(task, _put(at, free, v * own), w), z[free] / own,
+            lambda v, at, w: slope(task, _put(at, free, v * own), w)[:, free] * own,
+            (lower[free] / own, upper[free] / own), x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-15,
+            max_nfev=iterations, args=(z, weight),
         )  # fmt: skip
-        z, evaluations = _put(z, free, found.x), evaluations + int(found.nfev)
+        z, evaluations = _put(z, free, found.x * own), evaluations + int(found.nfev)
         weight = weight_of(task, paths_of(task, z))
-    if found.status == 0 and _promised(found, upper[free], lower[free]) > SETTLED_SHARE:
+    if found.status == 0 and _promised(found, upper[free] / own, lower[free] / own) > SETTLED_SHARE:
         unsettled(evaluations)
     return z, evaluations
 
@@ -309,7 +314,8 @@ def _finished(
 
 
 def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.bool_]) -> Array:
-    """(count, count): the inverse of J'J of whitened errors; J'SJ between two of them where they are not white."""
+    """(count, count): the inverse of J'J of errors in standard deviations; J'SJ between two of them where these are not
+    white, or where those of several outputs go together."""
     count = sum(one.y.size for one in task.pieces)
     sd = np.sqrt(np.maximum(variance_of(task, paths), 1e-300))
     whiten = np.diag(1.0 / sd)
@@ -322,15 +328,17 @@ def _covariance(task: Task, z: Array, paths: Sequence[Array], free: NDArray[np.b
     names = [task.names[i] for i in np.flatnonzero(reached[: task.count])]
     check_determined(gram, names)
     inverse = linalg.pinvh(gram, rtol=1e-12) / np.outer(scale, scale)
-    if task.simulation or task.horizon > 1:
-        noise = autoregression_of([(whiten @ e).T for e in paths])
-        middle, first = np.zeros_like(inverse), 0
-        for one in task.pieces:
-            change = j[first : first + one.y.size].reshape(*one.y.shape, -1).transpose(0, 2, 1)
-            score = shaped(change, *noise)
-            middle += score @ score.T
-            first += one.y.size
-        inverse = inverse @ middle @ inverse
+    scaled = [whiten @ e for e in paths]
+    white = not task.simulation and task.horizon == 1
+    if len(sd) > 1 or not white:
+        known = [one.known for one in task.pieces]
+        noise = together(scaled, known) if white else autoregression_of([e.T for e in scaled])
+        ends = np.cumsum([one.y.size for one in task.pieces])[:-1]
+        changes = [
+            rows.reshape(*one.y.shape, -1).transpose(0, 2, 1)
+            for rows, one in zip(np.split(j, ends), task.pieces, strict=True)
+        ]
+        inverse = inverse @ gradient_covariance(changes, noise) @ inverse
     whole = np.full((len(free), len(free)), np.nan)
     whole[np.ix_(reached, reached)] = inverse
     return whole[: task.count, : task.count]

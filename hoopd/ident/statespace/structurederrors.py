@@ -19,10 +19,10 @@ from hoopd.ident.models import Innovations
 from hoopd.ident.statespace import coordinates
 from hoopd.ident.statespace.linear import radius
 from hoopd.ident.statespace.sensitivities import Directions, Piece, sensitivities, trajectory
+from hoopd.ident.statespace.step_sizes import difference_steps, variable_sizes
 
 Array = NDArray[np.float64]
 
-STEP = 1e-5  # relative, of the central differences: error of order STEP^2
 SLOW = 20.0
 FAR = 1e6  # errors (in standard deviations of the output) of parameters whose predictor is not stable
 
@@ -42,6 +42,33 @@ class Task:
     simulation: bool
     regulariser: Callable[[Array, Innovations], Array] | None
     names: tuple[str, ...]
+    sizes: Array  # of the parameters (count,), in their units
+
+
+def parameter_sizes(constructor: Callable[[Array], Innovations], p: Array, bounds: tuple[Array, Array]) -> Array:
+    """Sizes (count,) of parameters, by what they do to the matrices and to an initial state where they are small."""
+    here = _blocks(constructor(p))
+
+    def share(sets: Array) -> Array:
+        return np.array([_share(here, _blocks(constructor(v))) for v in sets.T])
+
+    return variable_sizes(share, p, bounds)
+
+
+def _blocks(model: Innovations) -> list[Array]:
+    start = np.zeros(0) if model.x0 is None else model.x0
+    return [model.a, model.b, model.c, model.d, model.k, start]
+
+
+def _share(before: Sequence[Array], after: Sequence[Array]) -> float:
+    """The largest change of a block beside what it was; a block of zeros tells nothing."""
+    pairs = [(np.linalg.norm(b - a), np.linalg.norm(a)) for a, b in zip(before, after, strict=True)]
+    return max((float(change / size) for change, size in pairs if size > 0.0), default=0.0)
+
+
+def sizes_of(task: Task, count: int) -> Array:
+    """Sizes (count,) of all variables; of a gain and of initial states 1."""
+    return np.concatenate([task.sizes, np.ones(count - task.count)])
 
 
 def parts_of(task: Task, z: Array) -> tuple[Innovations, tuple[Array, ...]]:
@@ -103,16 +130,15 @@ def slope(task: Task, z: Array, weight: Array) -> Array:
     whole = np.vstack(blocks)
     if task.regulariser is None:
         return whole
-    return np.vstack([whole, _differences(lambda v: _penalty(task, v, parts_of(task, v)[0]), z)])
+    return np.vstack(
+        [whole, _differences(lambda v: _penalty(task, v, parts_of(task, v)[0]), z, sizes_of(task, len(z)))]
+    )
 
 
-def _differences(of: Callable[[Array], Array], z: Array) -> Array:
+def _differences(of: Callable[[Array], Array], z: Array, sizes: Array) -> Array:
     columns = []
-    for i in range(len(z)):
-        h = STEP * max(abs(z[i]), 1e-3)
-        step = np.zeros(len(z))
-        step[i] = h
-        columns.append((of(z + step) - of(z - step)) / (2.0 * h))
+    for step in np.diag(difference_steps(z, sizes)):
+        columns.append((of(z + step) - of(z - step)) / (2.0 * step.sum()))
     return np.stack(columns, axis=1)
 
 
@@ -123,7 +149,7 @@ def _directions(task: Task, z: Array, model: Innovations) -> Directions:
     def full(v: Array) -> Array:
         return np.concatenate([coordinates.values(task.constructor(v)), _own_start(task, v)])
 
-    change = _differences(full, p)
+    change = _differences(full, p, task.sizes)
     size = len(coordinates.values(model))
     along = coordinates.directions(model, change[:size])
     along = replace(along, x0=change[size:].T) if not task.estimate and len(change) > size else along

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import casadi
@@ -178,6 +179,25 @@ def test_a_structure_keeps_to_its_bounds_and_says_what_is_not_determined() -> No
         structured_pem(data, pitch, PITCH, bounds=(0.0, 1.0))
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.95])
+def test_two_sensors_of_a_structure_tell_no_more_than_their_mean(correlation: float) -> None:
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(400)
+    e = rng.standard_normal((400, 2)) @ np.linalg.cholesky([[1.0, correlation], [correlation, 1.0]]).T
+    y = lfilter([0.0, 1.0], [1.0, -0.8], u)[:, None] + 0.5 * e
+    y[50:60, 1] = np.nan
+
+    def built(sensors: int) -> Callable[[np.ndarray], ct.StateSpace]:
+        return lambda p: ct.ss([[p[0]]], [[p[1]]], np.ones((sensors, 1)), np.zeros((sensors, 1)), 1.0)
+
+    both, mean = (
+        structured_pem(iddata(seen, u, 1.0), built(sensors), [0.7, 0.9], x0="zero")
+        for seen, sensors in ((y, 2), (y.mean(axis=1), 1))
+    )
+    for name, sd in mean.deviations().items():
+        assert both.deviations()[name] == pytest.approx(sd, rel=0.05)
+
+
 def test_a_casadi_structure_and_a_free_gain() -> None:
     p = casadi.SX.sym("p", 2)
     a = casadi.vertcat(casadi.horzcat(0, 1), casadi.horzcat(-p[0], -p[1]))
@@ -236,6 +256,41 @@ def test_a_saturation_at_the_input_is_found() -> None:
     assert np.nanstd(model.simulate(iddata(y, u), model.starts[0]) - y) < 0.03
     with pytest.raises(ValueError, match="input_map"):
         hammerstein_wiener(iddata(y, u), 2, [0.4], input_map=lambda u, p: u.T)
+
+
+def cubic(u: np.ndarray, p: np.ndarray) -> np.ndarray:
+    return np.asarray(u + p[0] * u**3)
+
+
+def behind_a_cubic(seed: int, n: int = 250) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
+    """An input, y+ = 0.7 y + u + 0.5 u^3 without noise, and what makes noise."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1.0, 1.0, n)
+    return u, lfilter([0.0, 1.0], [1.0, -0.7], cubic(u, np.array([0.5]))), rng
+
+
+def test_errors_of_a_map_allow_for_slow_noise() -> None:
+    off = []
+    for seed in range(24):
+        u, y, rng = behind_a_cubic(seed)
+        noise = 0.1 * lfilter([1.0], [1.0, -0.95], rng.standard_normal(len(u)))
+        model = hammerstein_wiener(iddata(y + noise, u), 1, [0.5], input_map=cubic, names=["cubic"], starts=1)
+        off.append((model.parameters["cubic"] - 0.5) / model.deviations()["cubic"])
+    # the root mean square of 24 is known to 15 %; an autoregression of 250 errors claims a tenth too little
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.6
+
+
+def test_a_map_is_known_as_well_beside_an_output_that_is_mostly_noise() -> None:
+    u, y, rng = behind_a_cubic(0)
+    quiet, loud = y + 0.01 * rng.standard_normal(len(u)), 2.0 * y + rng.standard_normal(len(u))
+    options = {"input_map": cubic, "names": ["cubic"], "starts": 1}
+    alone, both = (
+        hammerstein_wiener(iddata(seen, u), 1, [0.5], **options) for seen in (quiet, np.column_stack([quiet, loud]))
+    )
+    assert both.deviations()["cubic"] == pytest.approx(alone.deviations()["cubic"], rel=0.2)
+    assert abs(both.parameters["cubic"] - 0.5) < 4.0 * alone.deviations()["cubic"] < 0.02
+    # both outputs, of one and the same state, have the errors that were made
+    assert np.sqrt(np.diag(both.r)) == pytest.approx([0.01, 1.0], rel=0.1)
 
 
 def test_a_search_that_ends_at_an_unstable_model_is_stopped_by_what_is_held_back() -> None:
