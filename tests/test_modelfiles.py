@@ -71,7 +71,7 @@ CONTROLLER_MISTAKES = [
     (("limits", "slew_nm_per_tick"), 0.0, "limits.slew_nm_per_tick"),
     (("estimator", "r_psi"), 0.0, "estimator: r_psi must be above zero"),
     (("estimator", "horizon_s"), 30.0, "estimator.horizon_s: must be above 0 and at most 1"),
-    (("estimator", "reacquire_after"), 0, "reacquire_after must be at least 2"),
+    (("estimator", "reacquire_after"), 1, "estimator.reacquire_after: must be at least 2"),
     (("estimator", "q"), [1.0, 2.0], "estimator.q"),
 ]
 

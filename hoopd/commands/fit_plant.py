@@ -195,7 +195,7 @@ def _notes(found: PlantFit) -> list[str]:
             f"{', '.join(coloured)}: residuals are coloured (the model misses something): the intervals count their "
             "correlation; compare --method prediction"
         )
-    if not found.solution.converged:
+    if not found.solution.converged and found.method == "output":
         notes.append("the search ended before it had converged")
     return notes
 

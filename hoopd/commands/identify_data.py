@@ -70,8 +70,8 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
     if not whole.any():
         raise InputError(name, "", "no row holds all of the outputs that are asked for")
     found, step = [], rounded_step_s(recording)
-    # the daemon's own ticks come when they can
-    kept = in_step(recording, step, name, "hoopd convert --step" if not recording.is_tick else "")
+    # the daemon's own ticks come when they can, a little late or early
+    kept = [(0, len(known))] if recording.is_tick else in_step(recording, step, name, "hoopd convert --step")
     parts = [(first + a, first + b) for first, last in kept for a, b in spans(known[first:last])]
     for start, end in parts:
         first = start + int(np.argmax(whole[start:end]))
@@ -85,10 +85,12 @@ def stretches(recording: Recording, name: str, options: IdentifyOptions) -> tupl
 
 def in_step(recording: Recording, step_s: float, name: str, even: str) -> list[tuple[int, int]]:
     """First row and the row after the last of what has no missing rows in it; InputError for rows that are not evenly
-    apart, with what brings them to a step (empty: nothing is refused)."""
+    apart, with what brings them to a step (`even`)."""
+    if len(recording) < 2:
+        raise InputError(name, "t", "one row has no step: two at least are needed")
     apart = np.diff(recording.t)
     skipped = apart > MISSED_STEPS * step_s
-    if (even and ((np.abs(apart - step_s) > EVEN * step_s) & ~skipped).any()) or not np.isfinite(step_s):
+    if ((np.abs(apart - step_s) > EVEN * step_s) & ~skipped).any() or not np.isfinite(step_s):
         low, high = float(apart.min()), float(apart.max())
         raise InputError(name, "t", f"rows are {low:.4g} to {high:.4g} s apart: {even} brings them to an even step")
     return list(pairwise([0, *(np.flatnonzero(skipped) + 1).tolist(), len(recording)]))

@@ -37,9 +37,6 @@ IMPOSSIBLE_RAD_S = 100.0
 BALL_SPEED_LIMIT_RAD_S = 15.0  # rejected samples that move faster are not one ball; one let go at the side has 12
 
 
-FEWEST_ALIKE = 2
-
-
 @dataclass(frozen=True)
 class EkfSettings:
     """Noise, gate and memory of the filter."""
@@ -66,8 +63,6 @@ class EkfSettings:
         for name, value in {**positive, "horizon_s": self.horizon_s}.items():
             if not (isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be above zero, not {value}")
-        if self.reacquire_after < FEWEST_ALIKE:  # one false picture alone would be believed
-            raise ValueError(f"reacquire_after must be at least {FEWEST_ALIKE}, not {self.reacquire_after}")
         if len(self.q) != 4 or not all(isfinite(value) and value >= 0.0 for value in self.q):
             raise ValueError(f"q must be four numbers not below zero, not {self.q}")
 

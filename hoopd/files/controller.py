@@ -38,6 +38,8 @@ class FilterPlant(Protocol):
 
 # A filter begins so far back, in steps, within a tick; pictures are 50 ms old, and those of 0.3 s are a fault.
 LONGEST_HORIZON_S = 1.0
+# Pictures that agree with each other against the prediction before they are believed: a false one alone never is.
+FEWEST_ALIKE = 2
 
 
 class EstimatorEntry(Strict, frozen=True):
@@ -87,20 +89,23 @@ def load_controller(path: Path) -> ControllerFile:
 def parse_controller(text: str, path: object) -> ControllerFile:
     """A checked controller from its file's text; `path` is what a message calls it."""
     file = parse_recorded_controller(text, path)
+    between(path, "estimator.horizon_s", file.estimator.horizon_s, 0.0, LONGEST_HORIZON_S)
+    if file.estimator.reacquire_after < FEWEST_ALIKE:
+        reason = f"must be at least {FEWEST_ALIKE}, not {file.estimator.reacquire_after}"
+        raise InputError(path, "estimator.reacquire_after", reason)
     if beyond := beyond_own_limits(file):
         raise InputError(path, "gains", beyond)
     return file
 
 
 def parse_recorded_controller(text: str, path: object) -> ControllerFile:
-    """A controller that has been played: a plan beyond its own limits was cut, and a replay cuts it, too."""
+    """A controller that has been played, with what no new file may have: a replay does what the run did."""
     content = parse_yaml(text, path)
     if isinstance(content, dict) and content.get("plant", HOOP) != HOOP:
         raise InputError(path, "plant", f"a controller of {content['plant']!r}: the daemon runs the hoop alone")
     file = to_struct(content, ControllerFile, path)
     between(path, "limits.torque_nm", file.limits.torque_nm, 0.0, TORQUE_LIMIT_NM)
     between(path, "limits.slew_nm_per_tick", file.limits.slew_nm_per_tick, 0.0, math.inf)
-    between(path, "estimator.horizon_s", file.estimator.horizon_s, 0.0, LONGEST_HORIZON_S)
     between(path, "sample_time_s", file.sample_time_s, 0.0, 1.0)
     _checked(path, "gains", lambda: controller_of(file))
     _checked(path, "estimator", lambda: (settings_of(file), levels_of(file)))

@@ -122,7 +122,7 @@ def _axes(covariance: Array) -> Array:
     found = np.zeros((len(sd), int(free.sum())))
     variances, axes = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free]))
     found[free] = sd[free, None] * axes * np.sqrt(np.maximum(variances, 0.0))
-    return found[:, variances > NOTHING * variances[-1]]
+    return found[:, variances > NOTHING * variances.max(initial=0.0)]
 
 
 def _flat(model: Innovations) -> Array:

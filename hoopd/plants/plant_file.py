@@ -49,7 +49,7 @@ LENGTH, ANGLE = "m", "rad"
 # How fast bodies of laboratory rigs go where a file does not say it, in the coordinate's unit a second.
 USUAL_RATE = {LENGTH: 1.0, ANGLE: 10.0}
 # No rig is sampled faster, s: rows nearer than that are no two instants.
-SHORTEST_SAMPLE_S = CLOSEST_S
+SHORTEST_SAMPLE_S = (1.0 - 1e-6) * CLOSEST_S
 DEVICES = ("encoder", "camera")
 
 

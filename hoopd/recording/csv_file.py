@@ -215,12 +215,13 @@ def _blank_rows(file: TextIO, path: Path) -> Iterator[tuple[int, list[str]]]:
     for number, line in enumerate(_lines(file, path), start=1):
         text = line.strip()
         if text and text[0] not in "%#":
-            cells = _cells(text)
-            if "\t" in text and len(cells) < width:
-                cells = _with_empty_ends(cells, line.strip(" \r\n"), width)
-            width = width or len(cells)
+            cells, whole = _cells(text), line.strip(" \r\n")
             if remark := (_REMARK if _is_of_numbers(cells[:1]) else _REMARK_OF_NAMES).search(text):
-                cells = _cells(text[: remark.start()].rstrip(" \t,;"))
+                whole = text[: remark.start()].rstrip(" ")
+                cells = _cells(whole.rstrip(" \t,;"))
+            if "\t" in whole and len(cells) < width:
+                cells = _with_empty_ends(cells, whole, width)
+            width = width or len(cells)
             yield number, cells
 
 

@@ -95,7 +95,7 @@ class _Sink:
     def abandon(self) -> int:
         """Let the file go without what was half written, which the next one gets whole; remove it when no row of it is
         safe. Returns how many rows went with a file that somebody deleted."""
-        gone = self._rows + 1 - len(self.unsafe) if self._file is not None and _is_deleted(self._file) else 0
+        gone = self._rows - len(self.unsafe) if self._file is not None and _is_deleted(self._file) else 0
         file, empty, size = self._file, not self.proven, self._writer.size if self._writer is not None else 0
         self._file = self._writer = None
         with contextlib.suppress(OSError):
@@ -128,8 +128,8 @@ class _Sink:
                 self._writer.add_event(row)
             else:
                 self._writer.add(*row)
+            self._rows += 1
             self._settle(left)
-        self._rows += len(rows)
 
     def _settle(self, keep: int) -> None:
         """After a flush only the rows behind it are unsafe."""

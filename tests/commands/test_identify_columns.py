@@ -268,3 +268,24 @@ def test_missing_rows_of_a_plant_s_recording_are_no_even_ones(tmp_path: Path, mo
     for name, reason in (("holes", "no 50 rows follow each other"), ("uneven", "hoopd convert --step brings them")):
         code, _, errors = call(("identify", f"{name}.csv", *words))
         assert code == 2 and reason in errors and errors.count("\n") == 1
+
+
+def test_ticks_that_are_only_late_lose_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    random, t = np.random.default_rng(2), 0.02 * np.arange(600)
+    u = 0.1 * random.choice([-1.0, 1.0], 600)
+    dtheta = lfilter([0.0, 0.3], [1.0, -0.98], u) + 0.01 * random.standard_normal(600)
+    t[40::45] += 0.011
+    table = np.column_stack([t, u, 0.02 * np.cumsum(dtheta), dtheta, np.zeros(600)])
+    np.savetxt("late.csv", table, delimiter=",", header="t,u,theta,dtheta,psi", comments="")
+    found = told(tmp_path, "late.csv", "--output", "dtheta", "--orders", "1,1")
+    assert not [one for one in found["warnings"] if "rows" in one]  # type: ignore[attr-defined]
+
+
+def test_one_row_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("one.csv").write_text("t,P,T\n0,1,2\n")
+    Path("block.yaml").write_text(BLOCK)
+    for words in (("--plant", "block.yaml"), ("--input", "P", "--output", "T")):
+        code, _, errors = call(("identify", "one.csv", *words, "--orders", "1,1"))
+        assert code == 2 and errors.count("\n") == 1

@@ -251,7 +251,6 @@ def test_the_memory_is_bounded() -> None:
         {"r_psi": 0.0},
         {"gate_nis": math.nan},
         {"q": (0.0, -1.0, 0.0, 0.0)},
-        {"reacquire_after": 0},
     ],
 )
 def test_impossible_settings_are_refused(change: dict[str, object]) -> None:

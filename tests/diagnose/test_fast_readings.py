@@ -53,3 +53,29 @@ def test_false_values_are_found_among_the_steps() -> None:
     found = np.flatnonzero(assess(recording, COIL).channels["i"].outliers)
     assert len(set(found) & set(rows)) >= 36
     assert len(set(found) - set(rows)) <= 10
+
+
+SLOW = parse_plant(
+    """
+schema: hoopd.plant/1
+name: slow
+states: {x: {unit: K, usual: 5}}
+inputs: {a: {unit: V, limit: 12}, b: {unit: V, limit: 12}, c: {unit: V, limit: 12}}
+parameters: {T: 0.5 s, g: 1 K/V}
+equations: {x: T*x' = g*(a + b + c) - x}
+channels: {x: {reads: x, unit: K}}
+sample_time_s: 0.001
+""",
+    Path("slow.yaml"),
+)
+
+
+@pytest.mark.parametrize("every", [10, 20])
+def test_few_readings_beside_many_inputs_keep_their_noise(every: int) -> None:
+    random = np.random.default_rng(every)
+    inputs = {name: np.repeat(random.choice([-3.0, 3.0], ROWS // 3), 3) for name in "abc"}
+    kept = np.exp(-STEP_S / 0.5)
+    x = lfilter([0.0, 1.0 - kept], [1.0, -kept], sum(inputs.values())) + random.normal(0.0, NOISE, ROWS)
+    x[np.arange(ROWS) % every > 0] = np.nan
+    found = assess(from_signals(np.arange(ROWS) * STEP_S, inputs, {"x": x}), SLOW).channels["x"]
+    assert found.sigma == pytest.approx(NOISE, rel=0.3)

@@ -150,3 +150,9 @@ def test_a_law_that_loses_a_possible_model_is_told() -> None:
     data = iddata(lfilter([0.0, 0.2], [1.0, -0.8], u) + 0.3 * e, u, 0.1)
     found = worst_case(oe(data, 1, 1), law=9.0)
     assert not found.stable and 0.0 < found.stable_share < 1.0
+
+
+def test_an_exactly_known_model_is_possible_as_it_is() -> None:
+    u = np.random.default_rng(3).choice([-1.0, 1.0], 200)
+    found = possible_models(arx(iddata(np.append(0.0, u[:-1]), u, 0.1), 1, 1, 1), count=5)
+    assert len({one.b.tobytes() for one in found}) == 1 and found[0].b[0, 0] * found[0].c[0, 0] == pytest.approx(1.0)

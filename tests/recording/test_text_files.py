@@ -100,3 +100,7 @@ def test_an_empty_cell_at_the_end_of_a_row_between_tabs_is_a_missing_one(tmp_pat
     assert repr(found.column("F").tolist()) == "[1.0, 3.0, nan]"
     assert repr(found.column("x").tolist()) == "[2.0, nan, 4.0]"
     assert loaded(tmp_path, "b.txt", "t\tF\tx\t\n0\t1\t2\t\n1\t3\t4\t\n").column("x").tolist() == [2.0, 4.0]
+    found = loaded(tmp_path, "c.txt", "t\tF\tx\n0\t1\t2\n0.5\t\t\n1\t3\t# late\n")
+    assert (
+        repr(found.column("F").tolist()) == "[1.0, nan, 3.0]" and repr(found.column("x").tolist()) == "[2.0, nan, nan]"
+    )

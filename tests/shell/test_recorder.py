@@ -162,6 +162,14 @@ def test_a_file_that_somebody_deletes_is_trouble_and_its_rows_are_counted(delete
     assert recorder.counts[:2] == (len(kept), 1500 - len(kept))
 
 
+def test_a_file_that_is_gone_at_the_end_is_counted_to_the_row(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, HEADER, limits=SMALL, synchronous=True)
+    feed(recorder, 500)
+    (tmp_path / "run-0001.mcap").unlink()
+    recorder.close()
+    assert recorder.counts.written + recorder.counts.dropped == 500
+
+
 def test_unusable_row_is_counted_and_the_rest_kept(tmp_path: Path) -> None:
     log = Log()
     recorder = Recorder(tmp_path, HEADER, limits=SMALL, on_event=log, synchronous=True)

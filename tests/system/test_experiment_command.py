@@ -191,14 +191,15 @@ def test_the_command(tmp_path: Path) -> None:
     assert result["file"] == str(tmp_path / "run-0001.mcap") and result["next"].startswith("hoopd fit ")
 
 
-def test_a_signal_is_as_large_as_the_limits_in_force_let_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("limit", "amplitude"), [("0.03", 0.03), ("0.035", 0.03)])
+def test_a_signal_is_as_large_as_the_limits_in_force_let_it(limit: str, amplitude: float, tmp_path: Path) -> None:
     code, _, _ = call(
         ("experiment", "prbs", *LOCKSTEP, "--out", str(tmp_path / "a.mcap"), "--json", str(tmp_path / "a.json"),
-         "--set", "limits.torque_nm=0.03")
+         "--set", f"limits.torque_nm={limit}")
     )  # fmt: skip
     result = json.loads((tmp_path / "a.json").read_text())
     assert code == 0 and result["outcome"] == "done"
-    assert result["amplitude_nm"] == result["largest_torque_nm"] == 0.03
+    assert result["amplitude_nm"] == result["largest_torque_nm"] == amplitude
     assert "0.03 N m, because the limits in force let no more pass" in result["notes"]
 
 

@@ -12,6 +12,7 @@ weight 0 and still gets a prediction.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import factorial
 from typing import NamedTuple
 
@@ -99,9 +100,11 @@ def lagged(u: Array, lags: int = LAGS) -> Array:
     return np.stack([known[lags - 1 - k : len(known) - k] for k in range(lags)], axis=1)
 
 
-def answers(u: Array) -> Array:
-    """An input (n,) as far back as a fast reading remembers it (n, k): no more rows than the recording can tell."""
-    return lagged(u, max(LAGS, min(ANSWERS, len(u) // ROWS_PER_ANSWER)))
+def answers(inputs: Sequence[Array], readings: int) -> Array:
+    """Inputs (n,) as far back as a fast reading remembers them (n, k); none where so many readings tell too little."""
+    each = min(ANSWERS, readings // (ROWS_PER_ANSWER * max(len(inputs), 1)))
+    parts = [lagged(u, each) for u in inputs] if each > LAGS else []
+    return np.hstack(parts) if parts else np.zeros((len(inputs[0]) if inputs else 0, 0))
 
 
 class Explained(NamedTuple):

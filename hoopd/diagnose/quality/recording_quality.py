@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.channel_course import answers, lagged
+from hoopd.diagnose.quality.channel_course import lagged
 from hoopd.diagnose.quality.jumps import Jump, are_usual, jumps_of, without_jumps
 from hoopd.diagnose.quality.late_frames import slow_stretches
 from hoopd.diagnose.quality.noise_floor import quantum
@@ -146,8 +146,8 @@ def _judged(
     recording: Recording, plant: Plant, sensors: Mapping[str, Sensor], ignored: Mask
 ) -> dict[str, JudgedSamples]:
     """Every sensor by itself; only what drives comes from the inputs, and from what a camera sees turning."""
-    none, columns = np.zeros((len(recording), 0)), [recording.column(one.name) for one in plant.inputs]
-    drives, at_once = np.hstack([none, *map(lagged, columns)]), np.hstack([none, *map(answers, columns)])
+    columns = [recording.column(one.name) for one in plant.inputs]
+    drives = np.hstack([np.zeros((len(recording), 0)), *map(lagged, columns)])
     again = np.zeros(len(recording), dtype=bool)
     if plant.judges.repeated is not None:
         again[plant.judges.repeated(recording)] = True
@@ -164,7 +164,7 @@ def _judged(
     return {
         name: seen[name]
         if name in seen
-        else counted_channel(recording, sensor, drives, none if sensor.coordinate else at_once, ignored, again)
+        else counted_channel(recording, sensor, drives, () if sensor.coordinate else columns, ignored, again)
         for name, sensor in sensors.items()
     }
 

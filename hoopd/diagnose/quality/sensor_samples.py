@@ -6,14 +6,14 @@ that is ignored; what is decided here comes from sample_classes.py and late_fram
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.quality.channel_course import pushes
+from hoopd.diagnose.quality.channel_course import answers, pushes
 from hoopd.diagnose.quality.late_frames import NATS, RepeatedFrames, repeated_frames, repeats
 from hoopd.diagnose.quality.noise_floor import noise_floor, quantum, resolution
 from hoopd.diagnose.quality.outliers import jumping, spread_share
@@ -139,11 +139,11 @@ def _least(recording: Recording, name: str) -> float:
 
 
 def counted_channel(
-    recording: Recording, sensor: Sensor, drives: Array, at_once: Array, ignored: Mask, again: Mask
+    recording: Recording, sensor: Sensor, drives: Array, at_once: Sequence[Array], ignored: Mask, again: Mask
 ) -> JudgedSamples:
     """A sensor that counts, or reads at once: noise, repeated rows (`again`), single false values.
 
-    drives: (n, k) what is integrated on its way to what is read; at_once: (n, m) what is not.
+    drives: (n, k) what is integrated on its way to what is read; at_once: inputs (n,) that it may follow at once.
     """
     name = sensor.name
     values, usable = recording.column(name), _new(recording, name)
@@ -155,7 +155,9 @@ def counted_channel(
     if usable.sum() < FEWEST or _constant(values[usable]):
         return whole
     t = _times(recording, name)
-    paths = np.column_stack([pushes(t, drives, sensor.integrals), at_once])
+    paths = pushes(t, drives, sensor.integrals)
+    if at_once:
+        paths = np.column_stack([paths, answers(at_once, int(usable.sum()))])
     floor = step / sqrt(12.0) if np.isfinite(step) else _least(recording, name)
     if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)

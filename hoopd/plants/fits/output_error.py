@@ -13,13 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.fits.free_parameters import Prior, Scale
-from hoopd.plants.fits.robust_least_squares import SMALLEST_GAIN, Block, Found, minimise
+from hoopd.plants.fits.robust_least_squares import SMALLEST_GAIN, Block, Found, loss_value, minimise
 from hoopd.plants.fits.runs import Run, System
 
 Array = NDArray[np.float64]
@@ -126,10 +127,12 @@ class Problem:
             self.sigma[name] = new
         return change
 
-    def size(self, found: Found, loss: str) -> float:
-        """How large the residuals are at a point; with a robust loss far ones count little."""
-        e = np.concatenate(self.residuals(found.p, found.starts))
-        return float(np.sum(e**2 if loss == "linear" else np.log1p(e**2)))
+    def size(self, found: Found, prior: tuple[Array, Array], loss: str, sigma: Mapping[str, float]) -> float:
+        """What a search makes least, at a point, with these deviations of the channels."""
+        other = copy(self)
+        other.sigma = dict(sigma)
+        e, (centre, weight) = np.concatenate(other.residuals(found.p, found.starts)), prior
+        return float(loss_value(e, loss).sum() + np.sum(((found.p - centre) * weight) ** 2))
 
     def _stacked(self, part: dict[str, Array]) -> Array:
         e = np.concatenate([error / self.sigma[name] for name, error in part.items()])
@@ -192,8 +195,10 @@ def fit_output_error(
     found = _in_rounds(problem, problem.first_starts(), asked)
     if names and not found.converged:  # not worse than the parameters that were given, with starts of their own
         given = _with_given(problem, system, asked)
-        if problem.size(given, loss) < problem.size(found, loss):
-            found = _in_rounds(problem, given.starts, asked)
+        size = partial(problem.size, prior=prior, loss=loss, sigma=dict(problem.sigma))
+        if size(given) < size(found):
+            again = _in_rounds(problem, given.starts, asked)
+            found = min((given, again), key=size)._replace(steps=found.steps + again.steps)
     z, starts = found.p, found.starts
     errors, jacobian = problem.derivatives(z, starts)
     fitted = dict(zip(names, problem.scale.parameters(z).tolist(), strict=True))

@@ -260,3 +260,29 @@ def test_the_time_of_an_equation_begins_with_the_recording(begin_s: float, metho
     assert found.values == pytest.approx(true, rel=0.01)
     run = simulate_plant(PlantSystem(plant, changed=true), late)
     assert run.percent["T"].nrmse_percent > 99.5
+
+
+LATE = """
+schema: hoopd.plant/1
+name: late
+states: {T: {unit: K, usual: 5}}
+inputs: {P: {unit: W, limit: 50}}
+parameters: {C: {value: 100, unit: J/K, bounds: [1, 1.0e5]}, k: {value: 1, unit: W/K, bounds: [0, 100]}}
+equations: {T: C*T' = P - k*T}
+channels: {T: {reads: T, sensor: thermometer}}
+sample_time_s: 5
+"""
+
+
+def test_a_search_that_stands_still_begins_again_from_what_was_given() -> None:
+    plant, t = parse_plant(LATE, "late.yaml"), 5.0 * np.arange(400)
+    late = library(plant)["thermometer.latency"]
+    power = np.repeat(np.random.default_rng(1).choice([0.0, 20.0, 40.0], 20), 20)
+    system = PlantSystem(plant, (late,), {"thermometer.latency.d": 3.0})
+    quiet = from_signals(t, {"P": power}, {"T": np.zeros(400)})
+    true = simulate_plant(system, quiet, {"T": 0.0}).simulated.column("T")
+    noisy = from_signals(t, {"P": power}, {"T": true + 0.01 * np.random.default_rng(2).normal(size=400)}, source="late")
+    found = fit_plant(plant, [noisy], ("C", "k", "thermometer.latency.d"), effects=(late,), values=dict(system.values))
+    error = np.concatenate([part["T"] for part in found.solution.residuals])
+    assert np.sqrt(np.mean(error**2)) < 0.0105
+    assert found.values["thermometer.latency.d"] == pytest.approx(3.0, abs=0.2)

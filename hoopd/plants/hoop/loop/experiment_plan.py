@@ -94,7 +94,7 @@ class _Choice(NamedTuple):
     file: ControllerFile
     amplitude_nm: float
     forecast: Forecast
-    refused: str = ""  # why a stronger one could not be played
+    foreseen: bool = False  # a stronger one was too much for the model; else the limits in force let no more pass
 
 
 def unit_table(plan: Plan, variant: int, period_s: float) -> signals.Signal:
@@ -145,7 +145,7 @@ def _plant_of(model_text: str, name: str | Path, *, ball: bool) -> HoopPlant:
 def _choose(plan: Plan, make: Callable[[int, float], ControllerFile], plant: HoopPlant, period_s: float) -> _Choice:
     """The first signal that leaves room to every limit, else the one that leaves most; the weakest where all end."""
     best: _Choice | None = None
-    refused = ""
+    refused, strongest = "", 0.0
     for amplitude_nm, variant in _candidates(plan):
         file = make(variant, amplitude_nm)
         try:
@@ -153,15 +153,16 @@ def _choose(plan: Plan, make: Callable[[int, float], ControllerFile], plant: Hoo
         except ValueError as error:
             refused = str(error)
             continue
+        strongest = max(strongest, amplitude_nm)
         forecast = foresee(law, plant, period_s, ball=plan.ball)
         use = forecast.use(plan) if forecast.ended == DONE else inf
         if best is None or use < best.use or (use == best.use == inf and amplitude_nm < best.amplitude_nm):
-            best = _Choice(use, file, amplitude_nm, forecast, refused)
+            best = _Choice(use, file, amplitude_nm, forecast)
         if use <= plan.use_share:
             break
     if best is None:
         raise InputError(f"experiment {plan.kind}", "", refused)
-    return best
+    return best._replace(foreseen=strongest > best.amplitude_nm)
 
 
 def _playable(file: ControllerFile) -> Excitation:
@@ -244,6 +245,5 @@ def _warnings(plan: Plan, found: _Choice) -> Iterator[str]:
     if plan.centring_nm_per_rad_s or plan.around is not None:
         yield "the torque depends on what was measured (feedback): use methods that hold in closed loop"
     if plan.amplitude_nm is None and found.amplitude_nm < AMPLITUDES_NM[0]:
-        limited = found.refused or found.amplitude_nm == plan.torque_limit_nm
-        why = "the limits in force let no more pass" if limited else "the model foresees too much with more"
+        why = "the model foresees too much with more" if found.foreseen else "the limits in force let no more pass"
         yield f"{found.amplitude_nm:g} N m, because {why}"
