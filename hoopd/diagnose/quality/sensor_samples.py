@@ -155,9 +155,9 @@ def counted_channel(
     if usable.sum() < FEWEST or _constant(values[usable]):
         return whole
     t = _times(recording, name)
-    paths = pushes(t, drives, sensor.integrals)
-    if at_once:
-        paths = np.column_stack([paths, answers(at_once, int(usable.sum()))])
+    paths, readings = pushes(t, drives, sensor.integrals), int(usable.sum())
+    followed = answers(at_once, readings) if at_once else np.zeros((len(t), 0))
+    paths = np.column_stack([paths, followed])
     floor = step / sqrt(12.0) if np.isfinite(step) else _least(recording, name)
     if not sensor.moves or np.ptp(values[usable]) < HELD_COUNTS * step:
         return replace(whole, sigma=floor)
@@ -170,7 +170,8 @@ def counted_channel(
         false |= jumping(found.false > SURE, values, usable, found.sigma)
     except NotFollowedError:
         pass
-    sigma = max(noise_floor(t, np.where(usable & ~false, values - path, np.nan)), floor)
+    freedom = sqrt(readings / (readings - followed.shape[1]))  # of what was fitted to these very readings
+    sigma = max(freedom * noise_floor(t, np.where(usable & ~false, values - path, np.nan)), floor)
     whole = replace(whole, sigma=sigma, counts=usable & ~false, outliers=false)
     return replace(whole, jitter_s=jitter_s, even_sigma=even_sigma)
 
