@@ -6,9 +6,10 @@ Rules of this file: a number or text that makes no sense is one `InputError` wit
 from __future__ import annotations
 
 from cmath import isfinite
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from math import inf
+from types import MappingProxyType
 from typing import Any
 
 from hoopd.commands.options.declaration import option_name
@@ -20,20 +21,22 @@ from hoopd.files.reading import InputError
 # Every law of the hoop.
 KINDS = (*LAWS, "arx", "identified")
 # What some laws of the hoop alone are asked for.
-OF_LAWS = {
-    "recording": ("arx",),
-    "identified": ("identified",),
-    "omega_rad_s": ("pid", "pi", "lead", "lag"),
-    "mt": ("pid",),
-    "phase_deg": ("pid", "pi"),
-    "zeta": ("pi",),
-    "filter_ratio": ("pid",),
-    "lead": ("pid",),
-    "ratio": ("lead", "lag"),
-    "gain": ("lead", "lag"),
-    "poles": ("placement",),
-    "weights": ("lqg", "arx", "identified"),
-}
+OF_LAWS: Mapping[str, Sequence[str]] = MappingProxyType(
+    {
+        "recording": ("arx",),
+        "identified": ("identified",),
+        "omega_rad_s": ("pid", "pi", "lead", "lag"),
+        "mt": ("pid",),
+        "phase_deg": ("pid", "pi"),
+        "zeta": ("pi",),
+        "filter_ratio": ("pid",),
+        "lead": ("pid",),
+        "ratio": ("lead", "lag"),
+        "gain": ("lead", "lag"),
+        "poles": ("placement",),
+        "weights": ("lqg", "arx", "identified"),
+    }
+)
 WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s", "torque": "torque_nm"}
 
 
@@ -41,10 +44,10 @@ WEIGHT_NAMES = {"dtheta": "dtheta_rad_s", "psi": "psi_rad", "dpsi": "dpsi_rad_s"
 FASTEST_RAD_S = 1e6
 
 
-def refuse_of_other_laws(options: DesignOptions) -> None:
+def refuse_of_other_laws(options: DesignOptions, of_laws: Mapping[str, Sequence[str]] = OF_LAWS) -> None:
     """InputError for what is told and belongs to another law: it would be taken no notice of."""
     for one in fields(DesignOptions):
-        laws = OF_LAWS.get(one.name)
+        laws = of_laws.get(one.name)
         if laws is not None and options.law not in laws and getattr(options, one.name) != one.default:
             reason = f"is of {' and '.join(laws)}: {options.law} takes no notice of it"
             raise InputError(option_name(DesignOptions, one.name), "", reason)

@@ -14,7 +14,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.commands.design_options import KINDS, poles_from
+from hoopd.commands.design_options import KINDS, OF_LAWS, poles_from, refuse_of_other_laws
 from hoopd.commands.inputs import read_values
 from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.design import DesignOptions
@@ -109,8 +109,7 @@ def _refuse_hoops_own(options: DesignOptions) -> None:
     for one in fields(DesignOptions):
         if one.name not in ASKED and getattr(options, one.name) != one.default:
             raise InputError(option_name(DesignOptions, one.name), "", "is of the hoop's laws")
-        if one.name == "poles" and options.law != "placement" and options.poles != one.default:
-            raise InputError("--poles", "", f"is of placement: {options.law} takes no notice of it")
+    refuse_of_other_laws(options, {"poles": OF_LAWS["poles"]})  # weights are of either law here
 
 
 def _law(linear: LinearizedPlant, options: DesignOptions, step_s: float, sizes: Mapping[str, float]) -> LinearLaw:
