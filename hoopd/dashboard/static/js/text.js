@@ -31,8 +31,23 @@ export function say(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
+// A control that is replaced between press and release gets no click, and one that moves under the pointer gets another's.
+const CLICK_MS = 50; // from the release to the click, with a finger too
+const held = new Map(); // parents that are renewed once the pointer is up
+let pressed = null;
+addEventListener('pointerdown', event => { pressed = event.target; }, true);
+for (const end of ['pointerup', 'pointercancel']) addEventListener(end, () => setTimeout(release, CLICK_MS), true);
+addEventListener('blur', release); // of the window: no release is told any more
+
+function release() {
+  pressed = null;
+  for (const [parent, make] of held) renew(parent, make);
+  held.clear();
+}
+
 /** Children, as `make` makes them, in the place of those before; who has the focus there keeps it, and never gets another row's. */
 export function renew(parent, make) {
+  if (pressed && parent.contains(pressed)) return void held.set(parent, make);
   const focused = parent.contains(document.activeElement) ? document.activeElement : null;
   const seen = focused?.matches(':focus-visible');
   const is = focused && identity(focused);
