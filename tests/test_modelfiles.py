@@ -72,6 +72,8 @@ CONTROLLER_MISTAKES = [
     (("estimator", "r_psi"), 0.0, "estimator: r_psi must be above zero"),
     (("estimator", "horizon_s"), 30.0, "estimator.horizon_s: must be above 0 and at most 1"),
     (("estimator", "reacquire_after"), 1, "estimator.reacquire_after: must be at least 2"),
+    (("estimator", "gate_nis"), 1e6, "estimator.gate_nis: times r_psi: a picture is believed 4 rad off"),
+    (("estimator", "r_psi"), 1.0, "estimator.gate_nis: times r_psi: a picture is believed 5 rad off"),
     (("estimator", "q"), [1.0, 2.0], "estimator.q"),
 ]
 

@@ -40,6 +40,8 @@ class FilterPlant(Protocol):
 LONGEST_HORIZON_S = 1.0
 # Pictures that agree with each other against the prediction before they are believed: a false one alone never is.
 FEWEST_ALIKE = 2
+# A picture farther off than this is a false one, however uncertain pictures are: a wider gate believes a lying camera.
+WIDEST_GATE_RAD = 0.5
 
 
 class EstimatorEntry(Strict, frozen=True):
@@ -93,6 +95,10 @@ def parse_controller(text: str, path: object) -> ControllerFile:
     if file.estimator.reacquire_after < FEWEST_ALIKE:
         reason = f"must be at least {FEWEST_ALIKE}, not {file.estimator.reacquire_after}"
         raise InputError(path, "estimator.reacquire_after", reason)
+    gate_rad = math.sqrt(file.estimator.gate_nis * file.estimator.r_psi)
+    if gate_rad > WIDEST_GATE_RAD:
+        reason = f"times r_psi: a picture is believed {gate_rad:.3g} rad off, at most {WIDEST_GATE_RAD} is safe"
+        raise InputError(path, "estimator.gate_nis", reason)
     if beyond := beyond_own_limits(file):
         raise InputError(path, "gains", beyond)
     return file

@@ -49,7 +49,7 @@ def possible_models(model: Any, count: int = 100, *, level: float = 0.95, seed: 
     Raises
     ------
     ValueError
-        A model without a covariance.
+        A model without a covariance, or with one that is no number.
 
     Examples
     --------
@@ -65,6 +65,8 @@ def possible_models(model: Any, count: int = 100, *, level: float = 0.95, seed: 
     known = coefficients_of(model)
     if known is None:
         raise ValueError("the model has no covariance: nothing tells how far off it may be")
+    if not np.isfinite(known.covariance).all():
+        raise ValueError("the model's covariance is no finite number: its data do not tell every coefficient")
     axes = _axes(known.covariance)
     others = (known.values + axes @ point for point in surface(axes.shape[1], count, level, seed))
     return [known.made(known.values), *(known.made(x) for x in others)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import control
@@ -127,6 +128,9 @@ def test_models_on_the_ellipsoid_hold_the_margins_of_the_truth() -> None:
     assert found.stable and found.models == 31
     with pytest.raises(ValueError, match="no covariance"):
         possible_models(innovations(control.ss([[0.8]], [[0.2]], [[1.0]], [[0.0]], 0.1)))
+    untold = oe(data, 1, 1)
+    with pytest.raises(ValueError, match="no finite number"):
+        possible_models(replace(untold, covariance=np.diag([np.nan, 1e-6])))
 
 
 @pytest.mark.parametrize("fit", [lambda d: arx(d, 2, 2), lambda d: subspaceid(d, 2)], ids=["arx", "subspace"])
