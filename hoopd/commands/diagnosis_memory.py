@@ -20,6 +20,7 @@ from hoopd.diagnose.memory import (
     RememberedPrior,
     against_memory,
     believing,
+    dated_later,
     remembered,
     remembered_prior,
     sizes_of,
@@ -73,6 +74,8 @@ class DiagnosisMemory:
         """The diagnosis with what it owes to the memory."""
         used = used_memory(diagnosis, self.sha256, self.known, self.counted, self.again)
         notes = [*diagnosis.notes, *(f"Against what is remembered: {one}" for one in used.contradictions)]
+        if later := dated_later(self.memory.without(self.recordings), self.date):
+            notes.append(f"Of what is remembered {later}.")
         return msgspec.structs.replace(diagnosis, memory=used, notes=notes)
 
     def learned(self, diagnosis: Diagnosis) -> RememberedDiagnosis:

@@ -1,21 +1,16 @@
 """What is remembered of a device as the prior of the next diagnosis, with forgetting; what contradicts it.
 
-Of a base parameter every entry has a value and a deviation by its own recordings. With age T in days and a rate f
-
-    s_i^2 = sd_i^2 + (f size)^2 T_i,        mean = sum(v_i / s_i^2) / sum(1 / s_i^2),    s^2 = 1 / sum(1 / s_i^2)
-
-is the Gaussian prior of the next fit, each parameter's own: how two of them err together is forgotten, so that what is
-kept is less than what was known. Where n entries scatter by more than they say, the device was not the same in all of
-them, and s grows by as much (Birge's ratio, never below one):
-
-    R^2 = sum((v_i - mean)^2 / s_i^2) / (n - 1)
+Of a base parameter every entry has a value and a deviation by its own recordings. With a rate f the parameter walks by
+f times its size in a day, and in n days by sqrt(n) times as much, whether the entry came before the recordings or after
+them (`random_walk`): that walk is common to all entries beyond it. What follows is the Gaussian prior of the next fit,
+each parameter's own: how two of them err together is forgotten, so that what is kept is less than what was known.
 
 An effect that was confirmed raises the odds of its name, by at most three nats,
 
     log((a + sum_i p_i exp(-f T_i)) / a),        a = 0.05
 
-with p_i by its own recordings: the odds that it had beforehand are taken out again. That one was not seen says nothing:
-the recordings may not have reached it.
+T_i days away, with p_i by its own recordings: the odds that it had beforehand are taken out again. That one was not
+seen says nothing: the recordings may not have reached it.
 
 A parameter that these recordings alone put more than three deviations away has changed, or something else acts: its
 memory does not count this time, and it is said.
@@ -25,11 +20,12 @@ Rules of this file: numbers in, numbers and sentences out; no file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, hypot, log, sqrt
 
 from hoopd.diagnose.inputs import Source
+from hoopd.diagnose.random_walk import DatedValue, walked
 from hoopd.diagnose.record import Diagnosis, Quantity, UsedMemory
 from hoopd.files.memory import Memory, RememberedDiagnosis, RememberedEffect, RememberedValue, days_between
 from hoopd.ident.normal import Z95
@@ -70,7 +66,7 @@ def remembered_prior(memory: Memory, sizes: Mapping[str, float], date: str, rate
     sizes : mapping of str to float
         Usual sizes of the base parameters, in their units.
     date : str
-        Of these recordings, YYYY-MM-DD; empty: nothing is older.
+        Of these recordings, YYYY-MM-DD; empty: all is of one day. What is dated after it is as far away.
     rate : float
         Forgetting: share of a size by which a deviation grows in a day; of effects the rate at which they fade, 1/day.
 
@@ -86,33 +82,33 @@ def remembered_prior(memory: Memory, sizes: Mapping[str, float], date: str, rate
     >>> remembered_prior(Memory(of="hoop rolling", diagnoses=[one]), {"bh": 7e-4}, "", 0.02).values
     {'bh': (0.0007, 1e-05)}
     """
-    ages = [days_between(one.date, date) for one in memory.diagnoses]
-    pairs = list(zip(memory.diagnoses, ages, strict=True))
-    values = {
-        name: _joined([(one.parameters[name], _grown(size, rate, age)) for one, age in pairs if name in one.parameters])
-        for name, size in sizes.items()
-        if any(name in one.parameters for one, _ in pairs)
-    }
-    effects, sums = dict[str, list[tuple[RememberedValue, float]]](), dict[str, float]()
+    pairs = [(one, days_between(one.date, date)) for one in memory.diagnoses]
+    values = {name: _dated((one.parameters.get(name), age) for one, age in pairs) for name in sizes}
+    effects, sums = dict[str, list[DatedValue]](), dict[str, float]()
     for one, age in pairs:
         for name, effect in one.effects.items():
-            sums[name] = sums.get(name, 0.0) + effect.probability * exp(-rate * age)
+            sums[name] = sums.get(name, 0.0) + effect.probability * exp(-rate * abs(age))
             for key, value in effect.parameters.items():
-                effects.setdefault(f"{name}.{key}", []).append((value, _grown(abs(value.value), rate, age)))
+                effects.setdefault(f"{name}.{key}", []).extend(_dated([(value, age)]))
     odds = {name: min(MOST_NATS, log((FIRST_BELIEF + total) / FIRST_BELIEF)) for name, total in sums.items()}
-    return RememberedPrior(values, {name: _joined(told) for name, told in effects.items()}, odds)
+    return RememberedPrior(
+        {name: walked(told, rate * sizes[name]) for name, told in values.items() if told},
+        {name: walked(told, rate * max(abs(one.value) for one in told)) for name, told in effects.items()},
+        odds,
+    )
 
 
-def _grown(size: float, rate: float, age: float) -> float:
-    return rate * size * sqrt(age)
+def _dated(told: Iterable[tuple[RememberedValue | None, float]]) -> list[DatedValue]:
+    return [DatedValue(age, one.value, one.sd) for one, age in told if one is not None]
 
 
-def _joined(told: Sequence[tuple[RememberedValue, float]]) -> tuple[float, float]:
-    """Mean and deviation of independent values with what was forgotten of each."""
-    weights = [1.0 / hypot(one.sd, grown) ** 2 for one, grown in told]
-    mean = sum(weight * one.value for weight, (one, _) in zip(weights, told, strict=True)) / sum(weights)
-    scatter = sum(weight * (one.value - mean) ** 2 for weight, (one, _) in zip(weights, told, strict=True))
-    return mean, sqrt(max(1.0, scatter / max(1, len(told) - 1)) / sum(weights))
+def dated_later(memory: Memory, date: str) -> str:
+    """In a sentence, where entries are of a day after the recordings' own: they may be of a clock that was wrong."""
+    later = sorted(one.date for one in memory.diagnoses if days_between(one.date, date) < 0.0)
+    if not later:
+        return ""
+    count = "1 entry is" if len(later) == 1 else f"{len(later)} entries are"
+    return f"{count} of a later day than these recordings ({later[-1]}, these {date}): as unsure as if it were before"
 
 
 def sizes_of(plant: Plant) -> dict[str, float]:

@@ -118,7 +118,7 @@ def check_date(where: object, text: str) -> None:
 
 
 def days_between(earlier: str, later: str) -> float:
-    """Days from one date to another; 0 where either is unknown or it went backwards."""
+    """Days from one date to another, negative where it is the other way round; 0 where either is unknown."""
     if not (earlier and later):
         return 0.0
-    return max(0.0, float((calendar_date.fromisoformat(later) - calendar_date.fromisoformat(earlier)).days))
+    return float((calendar_date.fromisoformat(later) - calendar_date.fromisoformat(earlier)).days)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from datetime import date, timedelta
 from math import exp, hypot, log, sqrt
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from harness.told_diagnosis import said
 
-from hoopd.diagnose.memory import alone_of, contradictions, remembered, remembered_prior
+from hoopd.diagnose.memory import alone_of, contradictions, dated_later, remembered, remembered_prior
 from hoopd.diagnose.proof.finding_standings import Asked
 from hoopd.diagnose.proof.probabilities import Option, likely
 from hoopd.diagnose.record import Base, Quantity, Visible
@@ -57,6 +59,45 @@ def test_what_is_old_is_less_sure_and_what_is_new_counts_more() -> None:
     assert sd == pytest.approx(1.0 / sqrt(1e10 + grown**-2)) and 7.9e-4 < mean < 8.0e-4
     same, _ = prior(old, new).values["bh"]  # type: ignore[attr-defined]
     assert same == pytest.approx(7.5e-4)  # without a date nothing is older
+
+
+@pytest.mark.parametrize(("days_apart", "entries", "since"), [(0, 10, 365), (7, 26, 7), (-7, 26, -7)])
+def test_a_device_that_walks_as_it_is_told_is_within_what_is_remembered(
+    days_apart: int, entries: int, since: int
+) -> None:
+    """Ten entries of one day a year ago; one a week for half a year, before these recordings and after them."""
+    random, beyond, rate = np.random.default_rng(8), 0, 0.02 * 7e-4
+    for _ in range(300):
+        steps = [since, *[days_apart] * (entries - 1)]
+        walk = 7e-4 + np.cumsum(random.normal(size=entries) * rate * np.sqrt(np.abs(steps)))
+        days = [date(2026, 1, 1) - timedelta(int(k)) for k in np.cumsum(steps)]
+        told_then = [told(f"{k}", v, 1e-5, f"{d}") for k, (v, d) in enumerate(zip(walk, days, strict=True))]
+        measured = [moved(one, random.normal() * 1e-5) for one in told_then]
+        mean, sd = prior(*measured, date="2026-01-01").values["bh"]  # type: ignore[attr-defined]
+        beyond += abs(mean - 7e-4) > 3.0 * sd
+    assert beyond / 300 < 0.02
+
+
+def moved(one: RememberedDiagnosis, by: float) -> RememberedDiagnosis:
+    value = one.parameters["bh"]
+    return msgspec.structs.replace(one, parameters={"bh": msgspec.structs.replace(value, value=value.value + by)})
+
+
+@pytest.mark.parametrize("entries", [1, 10])
+def test_a_year_is_one_walk_however_often_it_was_measured_before(entries: int) -> None:
+    year = [told(str(k), date="2025-01-01") for k in range(entries)]
+    _, sd = prior(*year, date="2026-01-01").values["bh"]  # type: ignore[attr-defined]
+    assert sd / 7e-4 == pytest.approx(0.02 * sqrt(365.0), rel=1e-2)
+
+
+def test_what_came_after_these_recordings_is_as_far_away_and_told() -> None:
+    later = told("a", 9e-4, date="2031-01-01", effects={FRICTION: RememberedEffect(probability=0.9)})
+    found = prior(later, date="2026-01-01")
+    assert found.values["bh"] == (9e-4, pytest.approx(hypot(1e-5, 0.02 * 7e-4 * sqrt(1826.0))))  # type: ignore[attr-defined]
+    assert found.odds[FRICTION] < 0.1  # type: ignore[attr-defined]
+    memory = Memory(of=SUBJECT, diagnoses=[later, told("b", date="2025-12-31"), told("c")])
+    assert dated_later(memory, "2026-01-01").startswith("1 entry is of a later day than these recordings (2031-01-01,")
+    assert dated_later(memory, "") == "" and dated_later(memory, "2031-01-01") == ""
 
 
 def test_a_confirmed_effect_raises_its_odds_and_one_not_seen_lowers_nothing() -> None:
