@@ -189,7 +189,11 @@ def _library(
 
 
 def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said: Sequence[str]) -> Diagnosis:
-    """The diagnosis; every file is made before the first one is written. `said`: of the model."""
+    """The diagnosis; every file is made before the first one is written. `said`: of the model.
+
+    The memory comes first and the JSON last: who finds the JSON takes all of it for done, and who makes the same
+    diagnosis again adds nothing, because its recordings count once.
+    """
     diagnosis, files = outcome.diagnosis, list[tuple[Path, bytes]]()
     if options.write is not None:
         notes = [outcome.written.note] if outcome.written.note else []
@@ -202,10 +206,10 @@ def _written(outcome: Outcome, base: PlantModel, options: DiagnoseOptions, said:
     if options.json_path is not None:
         told = msgspec.structs.replace(diagnosis, summary=summary(diagnosis))
         files.append((options.json_path, to_json_bytes(told)))
-    for path, data in files:
-        replace_file(path, data)
     if options.memory is not None and outcome.memory is not None:
         add_to_memory(options.memory, subject_of(base), outcome.memory)
+    for path, data in files:
+        replace_file(path, data)
     return diagnosis
 
 

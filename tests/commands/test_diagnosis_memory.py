@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 from commands.devicerun import written
 from commands.test_diagnose import LEFT_OUT, NAME
+from harness.told_diagnosis import said
 from inprocess import call
 
+from hoopd.commands import diagnose as command
+from hoopd.commands.options.diagnose import DiagnoseOptions
 from hoopd.diagnose.record import Diagnosis
 from hoopd.diagnose.record_file import parse
-from hoopd.files.memory import Memory, load_memory, save_memory
+from hoopd.files.memory import Memory, RememberedDiagnosis, load_memory, save_memory
 
 QUICKLY = ("--library-only", "--no-free-run", "--without", ",".join(LEFT_OUT))
 SUBJECT = "hoop entries"
@@ -87,6 +91,33 @@ def test_what_contradicts_it_does_not_count_and_is_said(folder: Path) -> None:
     assert found.memory is not None and "L1" in found.memory.left_out and "L1" not in found.memory.parameters
     assert any(line.startswith("L1 is ") for line in found.memory.contradictions)
     assert "is remembered" in " ".join(out.split())
+
+
+def test_what_is_told_is_remembered_and_what_is_not_remembered_is_not_told(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever finds the diagnosis does not make it again: by then it is in the memory, in which it counts once."""
+    told, path = tmp_path / "told.json", tmp_path / "memory.json"
+    asked = DiagnoseOptions(recordings=(str(folder / "run_1.csv"),), memory=path, json_path=told)
+    found = SimpleNamespace(diagnosis=said(0.9), memory=RememberedDiagnosis(recordings=["a"]))
+    monkeypatch.setattr(command, "outcome_of", lambda *_, **__: found)
+    with monkeypatch.context() as full:
+        full.setattr(command, "add_to_memory", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            command.run(asked)
+    assert not told.exists() and not path.exists()
+    with monkeypatch.context() as killed:
+        killed.setattr(command, "replace_file", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            command.run(asked)
+    remembered = path.read_bytes()
+    assert not told.exists() and [one.recordings for one in load_memory(path, SUBJECT)[0].diagnoses] == [["a"]]
+    command.run(asked)
+    assert told.exists() and path.read_bytes() == remembered
+
+
+def stopped(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(
