@@ -21,7 +21,7 @@ from hoopd.commands.plant_inputs import other_model, plant_path
 from hoopd.commands.step_commands import StepError
 from hoopd.files.campaign_progress import LOCK, TAKEN, BelievedRun
 from hoopd.files.folder_lock import alone_in
-from hoopd.files.json_files import read_json, write_json
+from hoopd.files.json_files import write_json
 from hoopd.files.memory import load_memory
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import check_target, file_bytes, replace_file
@@ -32,6 +32,7 @@ from hoopd.learn.campaign import (
     DiagnosedRun,
     RunFiles,
     lasted_s,
+    recorded_try,
 )
 from hoopd.learn.choice import ChosenRun
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
@@ -46,7 +47,7 @@ MayPlay = Callable[[str], bool]
 # What a run takes beside its signal: until everything is well, and braking.
 AROUND_S = 2.0
 LEAST_S = 5.0  # of a recording that is worth a diagnosis
-MOST_SMALLER = 3  # tries of one run with half the torque of the one before
+MOST_SMALLER = 3  # tries of one signal with half the torque of the one before
 
 
 def learn(options: LearnOptions) -> None:
@@ -181,7 +182,8 @@ def record_until_settled(
             return runs, f"{most_runs} runs were played."
         choice = campaign.choose(runs)
         if choice is None:
-            return runs, f"No signal inside the limits tells more: {'; '.join(runs[-1].belief.open)}."
+            why = "; ".join(runs[-1].belief.open) if runs else "a limit has ended every one too early"
+            return runs, f"No signal inside the limits tells more: {why}."
         early = campaign.run_files(len(runs) + 1).early
         spent = sum(one.seconds for one in runs) + sum(lasted_s(path) for path in early)
         if spent + _longest(choice) > budget_s:
@@ -206,15 +208,22 @@ def _one_run(steps: Steps, runs: Sequence[DiagnosedRun], choice: ChosenRun) -> N
 
 
 def _ask_for_less(campaign: Campaign, files: RunFiles, choice: ChosenRun, number: int) -> None:
-    """The run again at half its torque, where a limit ended it too early; StepError where something else did."""
-    told = read_json(files.experiment, dict[str, Any])
-    outcome, lasted = told["outcome"], f"lasted {lasted_s(files.experiment):.1f} s"
-    if not told.get("limit_passed") or len(files.early) >= MOST_SMALLER:
-        raise StepError(f"run {number} {lasted}: {outcome}")
+    """The run again at half its torque, where a limit ended it too early; StepError where something else did, or the
+    halves are too many. Either way the next call goes on, and the seconds count."""
+    told = recorded_try(files.experiment)
     set_aside(files.recording, "early")
-    reason = f"{choice.reason}; it {lasted} ({outcome}): with half the torque"
-    campaign.decide(files, replace(choice, amplitude_nm=told["amplitude_nm"] / 2.0, reason=reason))
+    lasted = f"lasted {told.ended_at_s or 0.0:.1f} s"
+    if told.limit_passed and told.amplitude_nm is not None and choice.halved < MOST_SMALLER:
+        reason = f"{choice.reason}; it {lasted} ({told.outcome}): with half the torque"
+        smaller = replace(choice, amplitude_nm=told.amplitude_nm / 2.0, halved=choice.halved + 1, reason=reason)
+        campaign.decide(files, smaller)
+        set_aside(files.experiment, "early")
+        return
     set_aside(files.experiment, "early")
+    if told.limit_passed:
+        set_aside(files.choice, "given_up")
+    goes_on = "goes on with another signal" if told.limit_passed else "plays it again"
+    raise StepError(f"run {number} {lasted}: {told.outcome}; the same command {goes_on}")
 
 
 def _longest(choice: ChosenRun) -> float:

@@ -2,7 +2,8 @@
 
     learn.json                what was asked for
     run_01/choice.json        what is recorded and why
-    run_01/recording.mcap     of `hoopd experiment`, with experiment.json; early_1.mcap and .json what a limit ended
+    run_01/recording.mcap     of `hoopd experiment`, with experiment.json; early_1.mcap and .json what ended at once
+    run_01/given_up_1.json    the choice before, which a limit has ended at once however small it was
     run_01/diagnosis.json     of `hoopd diagnose` on all recordings so far, with report.html and model.yaml
     controller.yaml           of `hoopd design`, with design.json
     comparison.json           of `hoopd compare`, with comparison.png
@@ -29,7 +30,7 @@ from hoopd.files.json_files import read_json, write_json
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import begin_folder, file_bytes
 from hoopd.learn.belief import Belief, belief_of
-from hoopd.learn.choice import ChosenRun, first, next_choice
+from hoopd.learn.choice import ChosenRun, first_but, next_choice
 
 SCHEMA = "hoopd.learn/1"
 
@@ -50,6 +51,15 @@ class CampaignRequest(msgspec.Struct, frozen=True, kw_only=True):
 def _words(value: Any) -> str:
     """What was asked, as it is given."""
     return " ".join(map(str, value)) or "none" if isinstance(value, tuple) else "none" if value is None else str(value)
+
+
+class RecordedTry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What `hoopd experiment` says of a run, as far as a campaign asks."""
+
+    ended_at_s: float | None
+    outcome: str = ""
+    limit_passed: bool = False
+    amplitude_nm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class RunFiles:
 
     @property
     def early(self) -> list[Path]:
-        """What `hoopd experiment` said of tries that a limit ended before anything was learned."""
+        """What `hoopd experiment` said of tries that ended before anything was learned."""
         return sorted(self.folder.glob("early_*.json"))
 
     @property
@@ -161,10 +171,23 @@ class Campaign:
             return chosen
         played = [one.choice.words for one in runs]
         shown_by = {name: one.choice.words for one in reversed(runs) for name in one.belief.laws}
-        choice = next_choice(runs[-1].diagnosis, runs[-1].belief, played, shown_by) if runs else first()
+        given_up = self._given_up()
+        last = runs[-1] if runs else None
+        choice = (
+            first_but(given_up)
+            if last is None
+            else next_choice(last.diagnosis, last.belief, played, shown_by, given_up)
+        )
         if choice is not None:
             self.decide(files, choice)
         return choice
+
+    def _given_up(self) -> list[tuple[str, ...]]:
+        """Words of signals that a limit ends however small they are."""
+        found: list[ChosenRun] = [
+            read_json(one, ChosenRun) for one in sorted(self.folder.glob("run_*/given_up_*.json"))
+        ]
+        return [one.words for one in found]
 
     def decide(self, files: RunFiles, choice: ChosenRun) -> None:
         """Write down what is recorded and why."""
@@ -174,7 +197,7 @@ class Campaign:
     def keep(self, files: RunFiles, choice: ChosenRun, seconds: float) -> None:
         """A run that somebody else has recorded: what it is, and how long."""
         self.decide(files, choice)
-        write_json(files.experiment, {"ended_at_s": seconds})
+        write_json(files.experiment, RecordedTry(ended_at_s=seconds))
 
     def tell(self, **changed: Any) -> None:
         """What is done now, for whoever looks; what is not given stays as it was told."""
@@ -213,5 +236,10 @@ def recorded_s(files: RunFiles) -> float:
 
 def lasted_s(experiment: Path) -> float:
     """Seconds of one try."""
-    told = read_json(experiment, dict[str, Any])
-    return float(told["ended_at_s"] or 0.0)
+    return recorded_try(experiment).ended_at_s or 0.0
+
+
+def recorded_try(experiment: Path) -> RecordedTry:
+    """One try in the experiment's own words; InputError where somebody spoiled the file."""
+    told: RecordedTry = read_json(experiment, RecordedTry)
+    return told

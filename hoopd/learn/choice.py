@@ -42,6 +42,7 @@ class ChosenRun:
     reason: str
     expected_nats: float | None = None
     amplitude_nm: float | None = None  # where a limit has ended it too early
+    halved: int = 0  # so often, for that
     sha256: tuple[str, ...] = ()  # of what was recorded by hand, and of its plant's file
 
     @property
@@ -61,24 +62,34 @@ def first() -> ChosenRun:
     return ChosenRun(MENU[0], "nothing is known yet: a fast two-level signal has most of what moves both")
 
 
+def first_but(given_up: Sequence[tuple[str, ...]]) -> ChosenRun | None:
+    """The same, without signals that a limit ends however small they are; None where it ends all of them."""
+    words = next((words for words in MENU if words not in given_up), None)
+    if words is None or words == MENU[0]:
+        return None if words is None else first()
+    return ChosenRun(words, "nothing is known yet, and a limit has ended every signal before this one")
+
+
 def next_choice(
     diagnosis: Diagnosis,
     belief: Belief,
     played: Sequence[tuple[str, ...]],
     shown_by: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+    given_up: Sequence[tuple[str, ...]] = (),
 ) -> ChosenRun | None:
     """The run that is recorded next; None where no signal inside the limits would tell more.
 
-    `played`: the words of the runs that there are; `shown_by`: of the run after which a law was named first.
+    `played`: the words of the runs that there are; `shown_by`: of the run after which a law was named first;
+    `given_up`: of signals that a limit ends however small they are.
     """
-    proposed = _proposed(diagnosis)
+    proposed = _unless(_proposed(diagnosis), given_up)
     if proposed is not None and _promises(proposed) and _times(proposed.words, played) < MOST_PROPOSALS:
         return proposed
-    if (proof := _proof(belief, played, shown_by)) is not None:
+    if (proof := _unless(_proof(belief, played, shown_by), given_up)) is not None:
         return proof
     if belief.lacks_probability_alone and len({*played}) >= QUIET_KINDS and not _tells(proposed):
         return None
-    if (other := _of_the_menu(belief, played)) is not None:
+    if (other := _of_the_menu(belief, played, given_up)) is not None:
         return other
     if proposed is None or (proposed.expected_nats or 0.0) <= 0.0:
         return None
@@ -96,11 +107,17 @@ def _proof(
     return ChosenRun(words, reason)
 
 
-def _of_the_menu(belief: Belief, played: Sequence[tuple[str, ...]]) -> ChosenRun | None:
+def _unless(choice: ChosenRun | None, given_up: Sequence[tuple[str, ...]]) -> ChosenRun | None:
+    return None if choice is None or choice.words in given_up else choice
+
+
+def _of_the_menu(
+    belief: Belief, played: Sequence[tuple[str, ...]], given_up: Sequence[tuple[str, ...]]
+) -> ChosenRun | None:
     """What has not been played yet; what a run tells grows with its torque squared, and the first one's is small."""
-    if not belief.laws and tuple(played) == (MENU[0],):
+    if not belief.laws and tuple(played) == (MENU[0],) and MENU[0] not in given_up:
         return ChosenRun(MENU[0], "the first run was careful: the same, as strong as the model that it gave allows")
-    words = next((words for words in MENU if words not in played), None)
+    words = next((words for words in MENU if words not in (*played, *given_up)), None)
     return None if words is None else ChosenRun(words, f"{_because(belief)}; this signal has not been played yet")
 
 

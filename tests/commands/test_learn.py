@@ -229,6 +229,62 @@ def test_what_ends_again_and_again_or_by_a_fault_ends_the_campaign(
     assert steps.commands == ["experiment"] * tries
 
 
+def test_what_a_fault_ended_at_once_is_played_again_by_the_same_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, folder = played(monkeypatch, said(0.6), said(0.92)), tmp_path / "campaign" / "run_01"
+    nobody, lost = (
+        {"ended_at_s": at, "outcome": "stopped", "limit_passed": False, "amplitude_nm": 0.08} for at in (None, 2.2)
+    )
+    steps.early = [nobody, lost]
+    for _ in range(2):
+        with pytest.raises(command.StepError, match="the same command plays it again"):
+            command.run(options(tmp_path))
+    result = command.run(options(tmp_path))
+    assert result["settled"] and result["recorded_s"] == pytest.approx(42.0 + 2.2)
+    assert [path.name for path in sorted(folder.glob("early_*"))] == [
+        f"early_{k}.{end}" for k in (1, 2) for end in ("json", "mcap")
+    ]
+    assert "--amplitude" not in steps.words[2]  # no fault is a reason for less torque
+
+
+def test_a_signal_that_a_limit_ends_however_small_it_is_gives_way_to_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = played(monkeypatch, said(0.6), said(0.92))
+    early = {"ended_at_s": 1.5, "outcome": "beyond", "limit_passed": True, "amplitude_nm": 0.08}
+    steps.early = [early] * 4
+    with pytest.raises(command.StepError, match="the same command goes on with another signal"):
+        command.run(options(tmp_path))
+    assert json.loads((tmp_path / "campaign" / "run_01" / "given_up_1.json").read_bytes())["words"] == ["prbs"]
+    result = command.run(options(tmp_path))
+    assert result["settled"] and result["recorded_s"] == 42.0 + 6.0
+    played_kinds = [one[1] for one in steps.words if one[0] == "experiment"]
+    assert played_kinds[:5] == ["prbs"] * 4 + ["multisine"]
+
+
+def test_a_device_on_which_every_signal_meets_a_limit_ends_the_campaign_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = played(monkeypatch)
+    steps.early = [{"ended_at_s": 0.5, "outcome": "beyond", "limit_passed": True, "amplitude_nm": 0.08}] * 99
+    for _ in range(6):
+        with pytest.raises(command.StepError):
+            command.run(options(tmp_path, budget="10min"))
+    result = command.run(options(tmp_path, budget="10min"))
+    assert not result["settled"] and "a limit has ended every one" in result["ended_because"]
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", '{"ended_at_s": "soon"}'])
+def test_a_spoiled_file_of_a_run_is_one_line(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    played(monkeypatch, said(0.6), said(0.92))
+    command.run(options(tmp_path))
+    path = tmp_path / "campaign" / "run_01" / "experiment.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"run_01/experiment\.json"):
+        command.run(options(tmp_path))
+
+
 def test_another_question_is_no_campaign_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played(monkeypatch, said(), said(), said(), said())
     command.run(options(tmp_path))
