@@ -11,7 +11,7 @@ from typing import Any
 from hoopd.diagnose.report.headline import verdict_sentence
 from hoopd.diagnose.report.markup import document, drawing, paragraph, section, table, text
 from hoopd.diagnose.report.tables import Table
-from hoopd.learn.campaign import DiagnosedRun
+from hoopd.learn.campaign import DiagnosedRun, RunFiles
 from hoopd.plots.comparison import draw_comparison
 from hoopd.plots.learning import draw_beliefs
 
@@ -78,17 +78,19 @@ def _row(number: int, run: DiagnosedRun) -> tuple[str, ...]:
 def _run(number: int, run: DiagnosedRun) -> str:
     expected = run.choice.expected_nats
     nats = "" if expected is None else f" ({expected:.1f} nats expected)"
-    folder = run.files.folder.name
-    links = (
-        f'<p><a href="{folder}/report.html">report</a> · <a href="{folder}/diagnosis.json">diagnosis</a> · '
-        f'<a href="{folder}/recording.mcap">recording</a> · <a href="{folder}/model.yaml">model</a></p>\n'
-    )
     still = "Settled." if run.belief.settled else f"Still open: {'; '.join(run.belief.open)}."
     return (
         f"<h3>Run {number}: {text(' '.join(run.choice.played))}, {run.seconds:.0f} s</h3>\n"
         f"{paragraph(f'Why: {run.choice.reason}{nats}.')}{paragraph(verdict_sentence(run.diagnosis))}"
-        f"{paragraph(still)}{links}"
+        f"{paragraph(still)}{_links(run.files)}"
     )
+
+
+def _links(files: RunFiles) -> str:
+    """To what is there: what was recorded by hand lies somewhere else."""
+    every = {"report": files.report, "diagnosis": files.diagnosis, "recording": files.recording, "model": files.model}
+    there = [f'<a href="{files.folder.name}/{one.name}">{name}</a>' for name, one in every.items() if one.exists()]
+    return f"<p>{' · '.join(there)}</p>\n"
 
 
 def _trial(comparison: Mapping[str, Any] | None) -> str:
