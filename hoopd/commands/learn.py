@@ -5,7 +5,6 @@ Rules of this file: the order of the steps, which `learn_steps` does, and when t
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,18 +12,21 @@ from typing import Any
 
 import typer
 
+from hoopd.commands.diagnose import judged_model
+from hoopd.commands.learn_given import given, next_by_hand, read_through
 from hoopd.commands.learn_steps import Progress, Steps, set_aside
+from hoopd.commands.options.declaration import option_name
 from hoopd.commands.options.learn import LearnOptions, seconds_of
 from hoopd.commands.options.shared import ProgressLine, finish, shown_progress
 from hoopd.commands.output import check_json
-from hoopd.commands.plant_inputs import other_model, plant_path
+from hoopd.commands.plant_inputs import other_model
 from hoopd.commands.step_commands import StepError
 from hoopd.files.campaign_progress import LOCK, TAKEN, BelievedRun
 from hoopd.files.folder_lock import alone_in
 from hoopd.files.json_files import write_json
 from hoopd.files.memory import load_memory
 from hoopd.files.reading import InputError
-from hoopd.files.whole_files import check_target, file_bytes, replace_file
+from hoopd.files.whole_files import check_target, replace_file
 from hoopd.learn.belief import Belief
 from hoopd.learn.campaign import (
     Campaign,
@@ -36,10 +38,7 @@ from hoopd.learn.campaign import (
 )
 from hoopd.learn.choice import ChosenRun
 from hoopd.plants.hoop.loop.experiment_plan import DURATION_S, DURATIONS_S
-from hoopd.plants.layout import layout_of
 from hoopd.plants.model_file import HOOP
-from hoopd.plants.registry import resolve_plant
-from hoopd.recording.slices import file_of, read_recording
 from hoopd.shell.config import load as load_config
 
 # Whether this may be played on a device.
@@ -47,6 +46,7 @@ MayPlay = Callable[[str], bool]
 # What a run takes beside its signal: until everything is well, and braking.
 AROUND_S = 2.0
 LEAST_S = 5.0  # of a recording that is worth a diagnosis
+READ_BY = ("columns", "age", "hold")  # options by which another laboratory's file is read
 MOST_SMALLER = 3  # tries of one signal with half the torque of the one before
 
 
@@ -99,6 +99,11 @@ def _check(options: LearnOptions) -> None:
         if options.sim or options.config is not None:
             raise InputError("--recording", "", "what was recorded by hand drives nothing: not with --sim or --config")
         return
+    for name in READ_BY:
+        if getattr(options, name) != LearnOptions.__dataclass_fields__[name].default:
+            raise InputError(
+                option_name(LearnOptions, name), "", "only with --recording: what is recorded here is known"
+            )
     if options.plant not in (None, HOOP):
         raise InputError("--plant", "", "another plant is not driven from here: --recording FILE for each recording")
     if not options.sim and options.config is None:
@@ -109,7 +114,7 @@ def _check_files(options: LearnOptions) -> None:
     """InputError for files that are not what they should be, before a folder is made or anything is recorded."""
     plant = None if options.plant is None else other_model(options.plant, None)
     if options.recordings:
-        _digests(options.recordings, options.plant)
+        read_through(given(options), options)
     elif plant is None:
         load_config(options.config, sim=options.sim, overrides=list(options.sets))
     if options.memory is not None:
@@ -129,42 +134,27 @@ def _asked_for(text: str, options: LearnOptions, progress: ProgressLine) -> bool
 
 def _given(steps: Steps) -> dict[str, Any]:
     """What recordings of another plant say together, and the input that is to be played next, by hand."""
-    campaign, texts = steps.campaign, steps.options.recordings
-    runs = campaign.runs(steps.options.confidence)
-    given = ChosenRun(texts, "was recorded by hand", sha256=_digests(texts, steps.options.plant))
-    if not runs or (runs[-1].choice.words, runs[-1].choice.sha256) != (given.words, given.sha256):
+    campaign, options = steps.campaign, steps.options
+    runs, now = campaign.runs(options.confidence), given(options)
+    if not runs or not runs[-1].choice.is_of_the_same(now):
         files = campaign.run_files(len(runs) + 1)
-        campaign.keep(files, given, _seconds_of(texts, steps.options.plant))
-        steps.diagnose(files, texts, len(runs) + 1)
-        runs = campaign.runs(steps.options.confidence)
+        campaign.keep(files, *read_through(now, options))
+        steps.diagnose(files, options.recordings, len(runs) + 1)
+        runs = campaign.runs(options.confidence)
     last = runs[-1]
-    proposed = last.diagnosis.next_experiment
-    told = "" if proposed is None else proposed.command or proposed.signal
+    told, why = next_by_hand(last, judged_model(options.plant, None).plant, options.plant)
     ended = "Everything that is named is sure and proven." if last.belief.settled else "; ".join(last.belief.open)
-    result = _result(runs, ended, None, False, f"Next: {told}" if told else "No input is proposed.")
+    result = _result(runs, ended, None, False, f"{why} Next: {told}." if told else why)
     result |= {"recorded_s": last.seconds, "next": told}
     _tell(campaign, runs, result, None)
     return result
-
-
-def _digests(texts: Sequence[str], plant: str | None) -> tuple[str, ...]:
-    """Under the same name there may be another recording, or another plant."""
-    files, own = [file_of(text) for text in texts], plant_path(plant)
-    return tuple(hashlib.sha256(file_bytes(file)).hexdigest() for file in [*files, *([] if own is None else [own])])
-
-
-def _seconds_of(texts: Sequence[str], plant: str | None) -> float:
-    """Recorded time of files."""
-    declared = None if plant is None else resolve_plant(plant)
-    found = [read_recording(text, layout=None if declared is None else layout_of(declared)) for text in texts]
-    return float(sum(one.t[-1] - one.t[0] for one in found))
 
 
 def _asked(options: LearnOptions, budget_s: float) -> CampaignRequest:
     config = None if options.config is None else str(options.config)
     return CampaignRequest(
         budget_s=budget_s, confidence=options.confidence, seed=options.seed, sim=options.sim, config=config,
-        sets=options.sets, plant=options.plant,
+        sets=options.sets, plant=options.plant, columns=options.columns, age=options.age, hold=options.hold,
     )  # fmt: skip
 
 

@@ -90,9 +90,16 @@ class Steps:
         self.say(f"run {number}: diagnosing {len(recordings)} recording{'s' if len(recordings) > 1 else ''}")
         words: list[str | Path] = ["diagnose", *recordings, "--yes", "--seed", str(self.options.seed)]
         words += [] if self.options.plant is None else ["--plant", self.options.plant]
+        words += self.reading() if self.options.recordings else []
         words += [] if self.options.memory is None else ["--memory", self.options.memory]
         words += ["--jobs", str(self.options.jobs), "--report", files.report, "--write", files.model]
         self.command([*words, "--json", files.diagnosis], files.folder / "diagnosis.log")
+
+    def reading(self) -> list[str]:
+        """Words that say how the files of another laboratory are read."""
+        asked = self.options
+        words = [] if asked.columns is None else ["--columns", asked.columns]
+        return [*words, "--age", asked.age, "--hold", asked.hold]
 
     def design(self, model: Path) -> None:
         """A controller on what was found, unless it is there."""

@@ -46,11 +46,16 @@ class CampaignRequest(msgspec.Struct, frozen=True, kw_only=True):
     config: str | None
     sets: tuple[str, ...]
     plant: str | None = None
+    columns: str | None = None
+    age: str = ""
+    hold: str = "zero"
 
 
 def _words(value: Any) -> str:
     """What was asked, as it is given."""
-    return " ".join(map(str, value)) or "none" if isinstance(value, tuple) else "none" if value is None else str(value)
+    if value in (None, "", ()):
+        return "none"
+    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 class RecordedTry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -150,18 +155,18 @@ class Campaign:
         while (files := self.run_files(len(found) + 1)).diagnosis.exists():
             choice = read_json(files.choice, ChosenRun)
             diagnosis = parse(file_bytes(files.diagnosis), files.diagnosis)
-            kinds = {one.choice.words for one in found} | {choice.words}
-            recordings = self._diagnosed(len(found) + 1, choice)
-            before = [one.diagnosis for one in found if one.recordings < recordings]
-            belief = belief_of(diagnosis, confidence, len(kinds), before)
+            by_hand = not files.recording.exists()
+            kinds = choice.kinds if by_hand else len({one.choice.words for one in found} | {choice.words})
+            recordings = choice.recordings if by_hand else self._recorded(len(found) + 1)
+            fewer = [one for one in found if one.recordings < recordings]
+            before = [one.diagnosis for one in fewer if one.choice.plant_sha256 == choice.plant_sha256]
+            belief = belief_of(diagnosis, confidence, kinds, before)
             found.append(DiagnosedRun(files, choice, recorded_s(files), diagnosis, belief, recordings))
         return found
 
-    def _diagnosed(self, number: int, choice: ChosenRun) -> frozenset[str]:
-        """Every recording so far; of what was recorded by hand, what was given."""
-        if self.run_files(number).recording.exists():
-            return frozenset(self.run_files(k).folder.name for k in range(1, number + 1))
-        return frozenset(choice.words)
+    def _recorded(self, number: int) -> frozenset[str]:
+        """Every recording so far."""
+        return frozenset(self.run_files(k).folder.name for k in range(1, number + 1))
 
     def choose(self, runs: list[DiagnosedRun]) -> ChosenRun | None:
         """What is recorded next: what was chosen before it was broken off, or what the last diagnosis asks for."""

@@ -29,6 +29,8 @@ MOST_PROOFS = 2
 MOST_PROPOSALS = 2
 # Rivals that the best of all signals is foreseen to tell apart by less than this stay rivals.
 LEAST_TOLD_NATS = 0.5
+# Characters of a SHA-256.
+DIGEST = 64
 # Options of a proposal that say where to play it: the campaign knows.
 _PLACES = frozenset({"--sim"})
 _SETTINGS = frozenset({"--seed", "--set", "--config"})
@@ -43,7 +45,30 @@ class ChosenRun:
     expected_nats: float | None = None
     amplitude_nm: float | None = None  # where a limit has ended it too early
     halved: int = 0  # so often, for that
-    sha256: tuple[str, ...] = ()  # of what was recorded by hand, and of its plant's file
+    # of what was recorded by hand, each with its experiment and its seconds where the words have them, and of its
+    # plant's file
+    sha256: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()  # SHA-256 of what drove each of these recordings; none where nothing drives the plant
+
+    @property
+    def recordings(self) -> frozenset[str]:
+        """What was recorded by hand, by what the files hold; by their names where nobody has looked into them."""
+        return frozenset(self.sha256[: len(self.words)] or self.words)
+
+    def is_of_the_same(self, other: ChosenRun) -> bool:
+        """Whether both are of the same recordings by hand, and of the same plant, however they are spelled."""
+        return self.recordings == other.recordings and self.plant_sha256 == other.plant_sha256
+
+    @property
+    def plant_sha256(self) -> tuple[str, ...]:
+        """Of the plant's file, where it has one."""
+        return self.sha256[len(self.words) :]
+
+    @property
+    def kinds(self) -> int:
+        """Signals that were recorded by hand: files that hold something else, and were driven by something else."""
+        files = {one[:DIGEST] for one in self.sha256[: len(self.words)]}
+        return max(1, min(len(files), len({*self.inputs} or files)))
 
     @property
     def played(self) -> tuple[str, ...]:

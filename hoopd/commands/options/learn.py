@@ -11,7 +11,7 @@ from pathlib import Path
 
 from hoopd.commands.options.declaration import option
 from hoopd.commands.options.running import config_option, sets_option
-from hoopd.commands.options.shared import json_option
+from hoopd.commands.options.shared import age_option, columns_option, hold_option, json_option
 from hoopd.files.reading import InputError
 
 _UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -44,6 +44,9 @@ class LearnOptions:
         default=(),
         python=False,
     )
+    columns: str | None = columns_option()
+    hold: str = hold_option()
+    age: str = age_option()
     budget: str = option("--budget", text="Recorded time at most, as 10min or 90s.", metavar="TIME", default="10min")
     confidence: float = option(
         "--confidence",
