@@ -147,7 +147,7 @@ def _record(
             for name in start.values
             if name in found.names or found.system.changed.get(name, start.values[name]) != start.values[name]
         },
-        "start": {name: float(value) for name, value in zip(plant.states, solution.starts[0], strict=True)},
+        "start": {name: float(value) for name, value in zip(plant.states, solution.starts[0], strict=False)},
         "fit": {
             part: {name: _scores(found, start, one) for name, one in recordings.items()}
             for part, recordings in (("train", train), ("holdout", held))

@@ -50,7 +50,7 @@ def simulate_other_plant(model: PlantModel, options: SimulateOptions) -> dict[st
         "seconds": float(recording.t[-1] - recording.t[0]),
         "stretches": len(run.starts),
         "start_from": "estimated" if run.estimated else "rest" if start is None else "given",
-        "start": {name: float(value) for name, value in zip(plant.states, run.starts[0], strict=True)},
+        "start": {name: float(value) for name, value in zip(plant.states, run.starts[0], strict=False)},
         **({"zero": run.zeros} if run.zeros else {}),
         "free_run": {
             name: {

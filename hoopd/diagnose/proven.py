@@ -17,7 +17,9 @@ from hoopd.diagnose.proof.hypotheses import heldout_fits
 from hoopd.diagnose.proof.placebo import placebos
 from hoopd.diagnose.proof.unknown_proof import Missing, drop_names, missing_instead, missing_of
 from hoopd.diagnose.quality.hold_doubt import hold_doubts
+from hoopd.diagnose.quality.input_doubt import input_doubts
 from hoopd.diagnose.record import Placebo, Refused
+from hoopd.diagnose.search.bounded_disturbance import far_beyond
 from hoopd.diagnose.searched import Searched
 
 
@@ -30,7 +32,7 @@ class ProvenNames:
     said: Confirmation
     placebos: Mapping[str, Placebo]  # by name
     refused: Sequence[Refused]
-    doubts: Sequence[str]  # how inputs went on
+    doubts: Sequence[str]  # of the inputs: their sign and scale, how they went on
 
     @property
     def unknown(self) -> Unknown | None:
@@ -45,7 +47,7 @@ def proven(case: Case, found: Searched) -> ProvenNames:
     case.progress("what no name explains")
     missing = missing_of(named, runs, effects, case.seed)
     case.progress("how the inputs went on")
-    doubts = hold_doubts(case.train, found.data.ignored, named.base, threshold)
+    doubts = _doubts(case, found)
     case.progress("proof on held-out data")
     fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
     proofs = placebos(named, case.seed, threshold)
@@ -61,3 +63,12 @@ def proven(case: Case, found: Searched) -> ProvenNames:
             fits = runs.played(heldout_fits(named, runs, missing.base, missing.proof))
             said = confirmation(named, runs, fits, missing.proof, threshold, case.seed, {})
     return ProvenNames(missing, fits, said, proofs, refused, doubts)
+
+
+def _doubts(case: Case, found: Searched) -> list[str]:
+    """Of the inputs, where the device itself did not write them: sign and scale where something is missing."""
+    named, threshold = found.named, case.settings.threshold
+    is_ours = any(source.recording.is_tick for source in case.train)
+    is_missing = bool(named.accepted) or far_beyond(named.final)
+    wrong = input_doubts(named.nominal, named.base, named.final, threshold) if is_missing and not is_ours else []
+    return wrong or hold_doubts(case.train, found.data.ignored, named.base, threshold)

@@ -157,7 +157,8 @@ class FreeRun:
         c, start = self.composite, self._start(x0, u)
         if not derivatives:
             return self._forward(values, start, nodes, t, u), np.zeros((len(nodes), c.nz, 0))
-        first = np.concatenate([start, self._first_sensitivity().T.ravel()])
+        by = self._first_sensitivity(settled=len(x0) < c.nz)
+        first = np.concatenate([start, by.T.ravel()])
         rows = self._forward(values, first, nodes, t, u)
         return rows[:, : c.nz], rows[:, c.nz :].reshape(len(rows), len(self.free) + c.nx, c.nz).transpose(0, 2, 1)
 
@@ -208,12 +209,14 @@ class FreeRun:
         """z (nz,) of the plant's state; a whole z is its own start."""
         return x0 if len(x0) == self.composite.nz else self.composite.beginning(x0, float(u[0, 0]))
 
-    def _first_sensitivity(self) -> Array:
-        """(nz, m + nx): what lags starts settled."""
+    def _first_sensitivity(self, *, settled: bool) -> Array:
+        """(nz, m + nx): what lags starts settled, or where it is told."""
         c, m = self.composite, len(self.free)
         by = np.zeros((c.nz, m + c.nx))
         for column, bump in enumerate(np.eye(c.nx)):
             by[:, m + column] = c.beginning(bump)
+        if not settled:
+            by[c.nx :] = 0.0
         return by
 
     # ------------------------------------------------------------------------------------------ functions

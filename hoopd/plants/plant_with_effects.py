@@ -275,6 +275,11 @@ class Composite:
         return (*([None] if self._torque_lags else []), *readings)
 
     @property
+    def followed(self) -> tuple[str | None, ...]:
+        """The channels of the lags, in the order of `settled`; None for the torque."""
+        return (*([None] if self._torque_lags else []), *(channel for _, channel in self._sensor_lags))
+
+    @property
     def lags(self) -> tuple[str, ...]:
         """The parameters (s) of the lags, in the order of `settled`."""
         sensors = [effect.key(effect.sensor_lag[channel]) for effect, channel in self._sensor_lags]

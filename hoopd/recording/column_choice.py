@@ -187,11 +187,14 @@ def _known(name: str, layout: SignalLayout, path: object) -> None:
 
 
 def _pick(name: str, column: str, unit: str, available: Mapping[str, str], layout: SignalLayout, path: object) -> Pick:
-    """One column with its factor; a number is a value that does not change."""
+    """One column with its factor; a number is a value that does not change, a minus before a column turns its sign."""
     place = _place(column, available)
     if place is None and not unit and ":" in column:
         column, _, unit = (part.strip() for part in column.rpartition(":"))
         place = _place(column, available)
+    if place is None and column.startswith("-") and _number(column) is None:
+        turned = _pick(name, column[1:].strip(), unit, available, layout, path)
+        return turned._replace(scale=-turned.scale)
     open_unit = layout.units[name] == ANY_UNIT
     if place is None and not open_unit and (value := _number(column)) is not None:
         return Pick(None, value * _scale(unit, layout.units[name], path, name))

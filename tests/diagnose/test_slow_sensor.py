@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from hoopd.diagnose.proof.simulation import Simulator, fitted_starts, windows_of
 from hoopd.diagnose.search.naming import name_effects
 from hoopd.plants.effects.library import library
+from hoopd.plants.fits.plant_runs import PlantSystem
+from hoopd.plants.fits.plant_simulation import simulate_plant
 from hoopd.plants.likelihood.fitting import fit
+from hoopd.plants.likelihood.reference_track import Track
 from hoopd.plants.likelihood.stretches import Stretch, stretch_of
 from hoopd.plants.plant_file import parse_plant
+from hoopd.recording.recording import Signal, from_signals
+
+Array = NDArray[np.float64]
 
 PLATE = parse_plant(
     """
@@ -69,3 +77,81 @@ channels: {T1: {reads: T1, sensor: tc}, T2: {reads: T2, sensor: tc}}
 sample_time_s: 2
 """
     assert library(parse_plant(text, "plates.yaml"))["tc.lag"].sensor_lag == {"T1": "T", "T2": "T"}
+
+
+HEATER = parse_plant(
+    """
+schema: hoopd.plant/1
+name: heater
+states: {T: {unit: degC, usual: 50}}
+inputs: {duty: {unit: "%", limit: 100}}
+parameters:
+  C: {value: 100, unit: J/K, bounds: [1, 1000]}
+  h: {value: 0.8, unit: W/K, bounds: [0.01, 10]}
+  P: {value: 0.8, unit: "W/%", held: true}
+  Ta: {value: 22.5, unit: degC, held: true}
+equations:
+  T: C*T' = P*duty - h*(T - Ta)
+sample_time_s: 4
+""",
+    "heater.yaml",
+)
+TRUTH = {"C": 120.0, "h": 0.9, "P": 0.8, "Ta": 22.5, "t_sensor.lag.T": 20.0}
+SPREAD = 0.085  # degC, of the noise and the steps of 0.1
+
+
+def heated(seed: int, n: int = 900, lag_s: float = 20.0) -> tuple[Array, Array, Array]:
+    """t, duty and readings of a warm-up by levels, exact between the rows: two first-order lags in a row."""
+    random = np.random.default_rng(seed)
+    t, a, b = np.arange(n) * 4.0, TRUTH["h"] / TRUTH["C"], 1.0 / lag_s
+    duty = np.repeat(random.choice([0.0, 20.0, 40.0, 60.0, 80.0, 100.0], n // 45 + 1), 45)[:n]
+    warm, shown, out = 23.0, 23.0, []
+    for level in duty:
+        out.append(shown)
+        rest = TRUTH["Ta"] + TRUTH["P"] * level / TRUTH["h"]
+        off, slow, fast = warm - rest, np.exp(-4.0 * a), np.exp(-4.0 * b)
+        shown = rest + (shown - rest) * fast + off * b / (b - a) * (slow - fast)
+        warm = rest + off * slow
+    return t, duty, np.round(np.array(out) + 0.08 * random.normal(size=n), 1)
+
+
+def heated_stretch(seed: int) -> Stretch:
+    t, duty, y = heated(seed)
+    return stretch_of(f"day{seed}", HEATER, t, duty[:-1], {"T": (np.arange(len(t)), y)})
+
+
+def test_a_drives_lag_that_does_nearly_the_same_is_tried_beside_the_sensors() -> None:
+    train = [heated_stretch(104), heated_stretch(204)]
+    nominal = fit(train, (), HEATER.values, move=False)
+    base = fit(train, (), HEATER.values, like=nominal, noise=nominal.noise)
+    found = name_effects(train, library(HEATER), nominal, base)
+    assert {"t_sensor.lag", "actuator.lag"} <= {one.effect.name for one in found.tried}
+    assert found.final.names == ("t_sensor.lag",)
+    assert found.final.values["t_sensor.lag.T"] == pytest.approx(20.0, rel=0.01)
+
+
+def test_a_run_that_begins_while_a_sensor_lags_is_as_good_as_its_noise() -> None:
+    effect = library(HEATER)["t_sensor.lag"]
+    t, duty, y = heated(1)
+    part = slice(200, 320)
+    recording = from_signals(
+        t[part], {"duty": Signal(duty[part], t[part], "%")}, {"T": Signal(y[part], t[part], "degC")}, source="part"
+    )
+    run = simulate_plant(PlantSystem(HEATER, (effect,), TRUTH), recording)
+    assert run.percent["T"].rmse < 1.1 * SPREAD
+    stretch = heated_stretch(1)
+    z = Track(stretch).z
+    windows = fitted_starts(windows_of(stretch, 2.0), (effect,), TRUTH, z, np.array([SPREAD]))
+    assert len(windows.windows.first) > 5
+    assert np.sqrt(np.nanmean((windows.y - windows.windows.y)[:, 0] ** 2)) < 1.1 * SPREAD
+
+
+def test_what_lags_behind_a_drive_begins_a_window_with_the_demands_before() -> None:
+    effect = library(HEATER)["actuator.lag"]
+    stretch = heated_stretch(1)
+    values = {**TRUTH, "actuator.lag.T": 100.0}
+    simulator = Simulator(windows_of(stretch, 2.0), (effect,))
+    whole = Simulator(windows_of(stretch, None), (effect,))
+    along = whole.run(values, np.full((1, 1, 1), 23.0))[:, 1, 0, 0]
+    begun = simulator.run(values, np.full((1, len(simulator.windows.first), 1), 23.0))[0, 1, :, 0]
+    np.testing.assert_allclose(begun, along[simulator.windows.first], atol=1e-9)

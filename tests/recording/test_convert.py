@@ -98,6 +98,8 @@ def test_another_plant_s_columns_by_name(tmp_path: Path) -> None:
     made = load(tmp_path / "b.mcap")
     assert (made.t.tolist(), made.F.tolist()) == ([0, 0.001, 0.002], [1e3, 2e3, 3e3])
     assert made.x.tolist() == [0.01, 0.02, 0.025] and made.inputs["F"].hold == "linear"
+    done = CliRunner().invoke(app, [*arguments, "--columns", "t=Time:ms,F=-Force:kN,x=-Position:mm"])
+    assert load(tmp_path / "b.mcap").F.tolist() == [-1e3, -2e3, -3e3] and done.exit_code == 0
     assert run(tmp_path / "b.mcap", tmp_path / "c.h5", step=0.0005)["signals"] == ["F", "x"]
     for columns, says in (("F=Force:V,x=Position", "wrong unit 'V'"), ("theta=Force", "unknown name 'theta'")):
         assert says in _refusal(CliRunner().invoke(app, [*arguments, "--columns", columns]).exception)

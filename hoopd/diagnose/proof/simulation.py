@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hoopd.diagnose.proof.window_lengths import WINDOW_S, window_scale
 from hoopd.plants.effects.base import Effect
+from hoopd.plants.lag_starts import low_passed, read_at_start
 from hoopd.plants.likelihood.batch_calls import mapped
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
 from hoopd.plants.likelihood.stretches import Held, Stretch
@@ -100,7 +101,7 @@ class Simulator:
         step.set(5, np.tile(np.stack([c.vector(one) for one in each], axis=1), (1, b)))
         step.set(2, np.zeros((c.nw, total)))
         out = np.empty((n, c.nz, total))
-        out[0] = self._beginning(start).reshape(c.nz, total)
+        out[0] = self._beginning(start, each).reshape(c.nz, total)
         h, t, sizes = np.repeat(h, k, axis=1), np.repeat(t, k, axis=1), self._sizes(out[0])
         for i in range(n - 1):
             step.set(0, out[i])
@@ -117,12 +118,35 @@ class Simulator:
         found[:nx] = np.maximum(found[:nx], state_scales(self.composite.plant))
         return np.asarray(found[:, None])
 
-    def _beginning(self, start: Array) -> Array:
-        """(nz, b, k) what lags behind the state has settled at the start."""
+    def _beginning(self, start: Array, each: Sequence[Mapping[str, float]]) -> Array:
+        """(nz, b, k) what lags behind the state begins with the past that it has."""
         c, (_, b, k) = self.composite, start.shape
         u = [self.held.u[min(first, len(self.held.u) - 1)] for first in self.windows.first]
         columns = [[c.beginning(start[:, i, j], u[i]) for j in range(k)] for i in range(b)]
-        return np.array(columns).transpose(2, 0, 1)
+        out: Array = np.array(columns).transpose(2, 0, 1)
+        if c.nz > c.nx:
+            past = np.stack(_by_value(each, self._past), axis=2)  # (lags, b, k)
+            out[c.nx :] = np.where(np.isfinite(past), past, out[c.nx :])
+        return out
+
+    def _past(self, values: Mapping[str, float]) -> Array:
+        """(lags, b) where each lag is at the windows' starts, NaN where nothing tells."""
+        return np.stack(
+            [self._past_of(*one, values) for one in zip(self.composite.followed, self.composite.lags, strict=True)]
+        )
+
+    def _past_of(self, channel: str | None, lag: str, values: Mapping[str, float]) -> Array:
+        """(b,) of one lag: of the drive from its demands (`channel` None), of a sensor from its readings."""
+        w, lag_s = self.windows, float(values.get(lag, 0.0))
+        if channel is None:
+            demands = self.held.substeps(1, self.composite.delay_s(values))[0]
+            return low_passed(demands, np.diff(self.held.t), lag_s)[w.first]
+        row, t = self.composite.channels.index(channel), w.stretch.t
+        found = [
+            read_at_start(t[a : a + n], w.y[:n, row, i], lag_s)
+            for i, (a, n) in enumerate(zip(w.first, w.count, strict=True))
+        ]
+        return np.array(found)
 
     def readings(self, values: Columns, states: Array) -> Array:
         """(n, nc, b, k) what the sensors show of states (n, nz, b, k)."""

@@ -21,7 +21,7 @@ from hoopd.diagnose.record import (
     Number,
     Quantity,
 )
-from hoopd.diagnose.report.sentences import each_fit, lawless, none_of_them
+from hoopd.diagnose.report.sentences import each_fit, lawless, none_of_them, questions_sentence
 from hoopd.plots.number_format import chance, listed, nats, percent, safe, short_names, value_text
 
 TITLES = {
@@ -304,7 +304,14 @@ OF_TIME, LASTS = re.compile(r"_of_t(_|$)"), re.compile(r"\.change_")
 
 
 def next_sentence(diagnosis: Diagnosis) -> str:
-    """What to do now."""
+    """What to do now; a question comes before everything that stands on its answer."""
+    told = _next(diagnosis)
+    if diagnosis.verdict == "consistent" or not questions_sentence(diagnosis.data_quality):
+        return told
+    return f"Next: answer what is asked above, and diagnose again where it was so; else {told.removeprefix('Next: ')}"
+
+
+def _next(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "consistent":
         return (
             "Next: nothing has to be done; how much could hide stands under “What these recordings would have shown”."

@@ -29,6 +29,9 @@ MOST_WHERE_FAR = 5
 MOST_ROUNDS = 8
 # Of a screen's proposals so many are refitted, and those that come this near to the best one.
 MOST_REFITS, NEAR_SHARE = 4, 0.4
+# Beside the best so many of what is told from it by rich data only are refitted, whatever the screen says of them: its
+# straight lines hide what a base has bent to.
+MOST_NEAR = 2
 OTHER_STARTS = 2
 # A rival this many nats behind is not excluded (posterior odds 20 : 1).
 NOT_EXCLUDED_NATS = 3.0
@@ -174,12 +177,26 @@ def _chosen(scores: Sequence[Score], judge: Judge) -> list[Score]:
     chosen = [s for s in scores if surprises[s.member.effect.name] >= least][:MOST_REFITS]
     wanted = {name for s in chosen for name in s.member.effect.contains}
     chosen += [s for s in scores if s.member.effect.name in wanted and s not in chosen]
+    chosen += _near(chosen, scores)
     # of effects that are never told apart one is enough
     kept: list[Score] = []
     for score in chosen:
         if not any(score.member.effect.name in one.member.effect.same_as for one in kept):
             kept.append(score)
     return kept
+
+
+def _near(chosen: Sequence[Score], scores: Sequence[Score]) -> list[Score]:
+    """Of what is hardly told from the best, what is not among those chosen."""
+    if not chosen:
+        return []
+    best, taken = chosen[0].member.effect, {s.member.effect.name for s in chosen}
+    others = [s for s in scores if s.member.effect.name not in taken]
+    return [s for s in others if _alike(best, s.member.effect)][:MOST_NEAR]
+
+
+def _alike(one: Effect, other: Effect) -> bool:
+    return other.name in one.near or one.name in other.near
 
 
 def _other_starts(chosen: Sequence[Score], scores: Sequence[Score], judge: Judge) -> list[Score]:

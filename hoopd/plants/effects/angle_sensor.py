@@ -120,8 +120,10 @@ def _speed_lag(plant: Plant, name: str, rates: tuple[str, ...]) -> Effect:
 
 
 def _lag(plant: Plant, name: str, channels: tuple[str, ...]) -> Effect:
+    made = _slow(plant, f"{name}.lag", name, channels, 40.0, geometric(0.005, 20.0, 14))
     return replace(
-        _slow(plant, f"{name}.lag", name, channels, 40.0, geometric(0.005, 20.0, 14)),
+        made,
+        near=(*made.near, *(f"{slot}.lag" for slot, _ in of_kind(plant, "actuator"))),
         formula="T m' = x - m",
         statement="it follows what it measures with a time constant T",
         signature="the reading is behind, and its fast changes are smaller",

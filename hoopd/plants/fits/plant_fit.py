@@ -172,7 +172,7 @@ def fit_plant(
         if method == "prediction" and names:
             found = _by_likelihood(system, names, together, runs, progress)
         else:
-            found = _by_free_runs(system, names, together, runs, priors or {}, loss, progress)
+            found = _by_free_runs(system, names, together, system.begun(runs), priors or {}, loss, progress)
         return replace(found, system=replace(system, plant=plant))
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise InputError(plant.name, "", f"{DIVERGED} ({error})") from None
@@ -180,7 +180,7 @@ def fit_plant(
 
 def fit_starts(system: PlantSystem, recording: Recording, window_s: float | None = None) -> tuple[list[Run], Solution]:
     """Free runs over a recording, each from the start that fits it best; nothing else is fitted."""
-    runs = prepare_runs(system.plant, [recording], window_s)
+    runs = system.begun(prepare_runs(system.plant, [recording], window_s))
     return runs, fit_output_error(system, (), runs)
 
 
@@ -233,7 +233,7 @@ def _near(
     window_s = max(FIRST_WINDOW_SAMPLES * system.plant.time_scale_s, longest / MOST_FIRST_RUNS)
     if not names or longest < 2.0 * window_s:
         return system
-    short = prepare_runs(system.plant, recordings, window_s)
+    short = system.begun(prepare_runs(system.plant, recordings, window_s))
     progress(f"first in {len(short)} runs of {window_s:g} s")
     found = fit_output_error(
         system, names, short, priors=priors, loss="soft_l1", rounds=1, smallest_gain=NEAR_GAIN, progress=progress

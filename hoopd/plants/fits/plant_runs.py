@@ -7,7 +7,7 @@ sensors do beside is for the plant's judges or its effects to say.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,8 @@ from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.fits.free_parameters import Scale, scale_within
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.plants.free_run import FreeRun
+from hoopd.plants.lag_starts import read_at_start
+from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.trajectory import Trajectory
 from hoopd.recording.recording import Recording, Signal, from_signals
 from hoopd.recording.timeline import Timeline, begin_of, timelines
@@ -70,6 +72,24 @@ class PlantSystem:
     def free_starts(self, run: Run) -> list[int]:
         """All: a component that no channel sees stays at its first guess."""
         return list(range(len(self.plant.states)))
+
+    def begun(self, runs: Sequence[Run]) -> list[Run]:
+        """The runs with first guesses of what lags behind the plant: readings where sensors lag."""
+        composite = FreeRun(self.plant, self.effects, values=self.values).composite if self._lagging else None
+        return list(runs) if composite is None else [self._begun(run, composite) for run in runs]
+
+    @property
+    def _lagging(self) -> bool:
+        return any(one.sensor_lag for one in self.effects)
+
+    def _begun(self, run: Run, composite: Composite) -> Run:
+        z = composite.beginning(run.start, float(np.ravel(run.u)[0]) if run.u.size else 0.0)
+        for i, (channel, lag) in enumerate(zip(composite.followed, composite.lags, strict=True), start=composite.nx):
+            if channel is not None and channel in run.series:
+                one = run.series[channel]
+                first = read_at_start(run.t[[0, *one.nodes]], np.array([np.nan, *one.values]), self.values[lag])
+                z[i] = first if np.isfinite(first) else z[i]
+        return replace(run, start=z)
 
 
 class PlantReadings:

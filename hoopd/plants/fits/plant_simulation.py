@@ -30,7 +30,7 @@ class PlantSimulation:
     """Free runs over a recording."""
 
     simulated: Recording  # the recording's rows and inputs with simulated channels; NaN outside of the runs
-    starts: tuple[Array, ...]  # (nx,) of every stretch
+    starts: tuple[Array, ...]  # (nx,) of every stretch, with what lags behind it where that is known
     percent: Mapping[str, ChannelFit]  # by channel; none where nothing was measured
     estimated: bool  # the starts were
     zeros: Mapping[str, float] = field(
@@ -84,6 +84,7 @@ def simulate_plant(
     turned, zeros = in_recording(system, recording) if estimated else (system, {})
     if estimated:
         runs = prepare_runs(plant, [recording])
+        runs = runs if zeros else system.begun(runs)  # what lags behind an angle would be turned with it
         solution = fit_output_error(turned, (), runs)
         begun = {round(run.t[0] / SAME_S): x for run, x in zip(runs, solution.starts, strict=True)}
         parts = [part for part in parts if round((part.t[0] - begin) / SAME_S) in begun]
