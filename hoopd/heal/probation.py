@@ -224,7 +224,7 @@ class Probation:
     def weighed(self, result: Mapping[str, Any]) -> None:
         """Keep it, or take it back; after it was accepted two bad rounds in a row are asked."""
         hand = self._in_hand
-        bad = verdict(result, hand.version.evidence.get("promise", {}))
+        bad = verdict(result, hand.version.evidence.get("promise", {}), hand.plan.by)
         if not hand.on_trial and not self._taken_back:
             self._weighed_round(result, bad)
             return

@@ -281,3 +281,13 @@ def test_a_promise_is_broken_by_more_than_a_fifth_and_more_than_before() -> None
     assert "were promised" in verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise)
     # what the device costs more than its model in either is not the new law's fault
     assert verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise | {"measured": 1.5}) == ""
+
+
+def test_noise_in_quiet_minutes_lets_no_bad_law_pass() -> None:
+    """Pictures of 4.8 mrad, minutes that hardly move and a model without any noise: added in squares, not as a ratio."""
+    quiet = {"measured": 0.0052, "before": 0.0021, "new": 0.0018}
+    assert "0.0363 were promised" in verdict({"measured": 0.095, "before": 0.042, "new": 0.036}, quiet)
+    assert verdict({"measured": 0.006, "before": 0.0021, "new": 0.0018}, quiet) == ""
+    cost = {"measured": 3.0, "before": 1.0, "new": 1.0}
+    assert verdict({"measured": 3.5, "before": 2.0, "new": 1.0}, cost, "cost") == ""
+    assert "3 were promised" in verdict({"measured": 4.3, "before": 2.0, "new": 1.0}, cost, "cost")
