@@ -6,7 +6,7 @@ a step whose file is there is not repeated; the daemon's recording is read and n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +22,7 @@ from hoopd.files.memory import add_to_memory, load_memory
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
-from hoopd.heal.change import judged
+from hoopd.heal.change import judged, written_changes
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
 from hoopd.heal.plan import REMEMBER, HealWork
@@ -106,7 +106,15 @@ class HealWorker:
         if why := _of_no_use(place / "model.yaml", found.effects):
             return result | {"learn": False, "reason": f"{found.reason}; {why}"}
         self._design(place)
-        return result
+        return result | self._written(place, before, result)
+
+    def _written(self, place: Path, before: Path, told: Mapping[str, Any]) -> dict[str, Any]:
+        """What a policy is asked about: beside what the data exclude, every number that the version's model changes."""
+        written = written_changes(load_model(before / "model.yaml"), load_model(place / "model.yaml"))
+        return {
+            "parameters": {**told["parameters"], **written.shares},
+            "values": {**told["values"], **written.values},
+        }
 
     def _memory_words(self, place: Path, begun: float) -> list[str | Path]:
         """A diagnosis is told what is known, as a copy: what it adds counts once its version has proven itself."""

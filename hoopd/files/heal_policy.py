@@ -49,16 +49,16 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         """Why what was found may not be learned unasked; empty when it may.
 
         `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of what they were;
-        `values`: what these are now, in their units.
+        `values`: what these, and others that changed by less, are now, in their units.
         """
         for name, parameters in effects.items():
             if why := self._of_effect(name, parameters, probabilities.get(name, 0.0)):
                 return why
+        for name, value in values.items():
+            if why := self._of_size(name, value):
+                return why
         for name, share in changes.items():
-            if name in self.largest and name in values:
-                if why := self._of_size(name, values[name]):
-                    return why
-            elif abs(share) > self.parameter_change:
+            if abs(share) > self.parameter_change and not (name in self.largest and name in values):
                 return (
                     f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
                 )

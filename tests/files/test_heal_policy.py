@@ -38,3 +38,7 @@ def test_a_limit_may_be_of_a_parameter_of_the_plant(tmp_path: Path) -> None:
     path = tmp_path / "policy.yaml"
     path.write_text("schema: hoopd.policy/1\nlargest: {bh: 0.002}\n")
     assert load_policy(path).largest == {"bh": 0.002}
+
+
+def test_a_largest_size_is_kept_by_small_changes_too() -> None:
+    assert "largest is 0.02" in POLICY.objection({}, {}, {}, {FRICTION: 0.0201})
