@@ -255,7 +255,7 @@ class _FollowedDaemon:
         self._tell_mode()
         while not self._results.empty():
             healing.done(*self._results.get())
-        if healing.phase == "proposed" and healing.version is not None:
+        if healing.version is not None:
             decision = self._folder.decision(healing.version.number)
             if decision is not None:
                 healing.decide(decision.accept, decision.who)

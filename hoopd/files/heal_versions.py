@@ -172,9 +172,9 @@ class VersionFolder:
         write_json(self.of(version.number) / "version.json", version)
 
     def decide(self, number: int, decision: HealDecision) -> None:
-        """Lay a person's decision beside a version; InputError unless it is proposed."""
+        """Lay a person's decision beside a version; InputError unless it is proposed, or a no is of one on trial."""
         version = self.read(number)
-        if version.state != "proposed":
+        if version.state != "proposed" and (decision.accept or version.state != "trying"):
             raise InputError(self.folder, str(number), f"is {version.state.replace('_', ' ')}, not proposed")
         self.check(number)
         write_json(self.of(number) / DECISION, decision)
@@ -183,6 +183,13 @@ class VersionFolder:
         """What a person decided about a version, if any did."""
         path = self.of(number) / DECISION
         return read_json(path, HealDecision) if path.exists() else None
+
+    def set_decision_aside(self, number: int) -> None:
+        """A person has to decide anew; what was decided stays, as decision_1.json and so on."""
+        path = self.of(number) / DECISION
+        if path.exists():
+            place = len([*path.parent.glob(f"{path.stem}_*{path.suffix}")]) + 1
+            path.rename(path.with_stem(f"{path.stem}_{place}"))
 
     def waiting(self) -> list[int]:
         """Numbers of the versions of which a person has not decided yet."""

@@ -92,7 +92,7 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
 class WrittenChanges:
     """What one model has otherwise than another, by parameter or SLOT.EFFECT.PARAMETER.
 
-    `shares`: of the old value, where it is more than a correction; `values`: what each is now, however small its change.
+    `shares`: of the old value, where it is more than a correction; `values`: what each is now, by however little.
     """
 
     shares: Mapping[str, float]
@@ -105,7 +105,7 @@ def written_changes(before: ModelFile | PlantModelFile, after: ModelFile | Plant
     Effects that `before` does not have are none of it; of one that is gone everything is 0 now.
     """
     old = numbers(before)
-    new = {name: 0.0 for name in old} | numbers(after)
+    new = dict.fromkeys(old, 0.0) | numbers(after)
     values = {name: new[name] for name in old if not isclose(new[name], old[name])}
     shares = {name: _share(old[name], value) for name, value in values.items()}
     return WrittenChanges({name: one for name, one in shares.items() if abs(one) >= LEAST_CHANGE}, values)

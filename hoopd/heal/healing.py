@@ -35,6 +35,7 @@ DRIFT, POLICY = ("model_drift", "policy")
 ASK_S, PROOF_S = 60.0, 600.0
 # A drift that is told right after a change of the law may be of the law before it.
 UNHEARD_IN = ("settling", "rolling")
+UNTRIED = ("proposed", "decided")
 PHASE_OF_WORK: Mapping[str, str] = {"diagnose": "diagnosing", "prove": "proving", "weigh": "weighing"}
 
 
@@ -154,16 +155,21 @@ class Healing:
             self._ask_policy()
 
     def decide(self, accept: bool, who: str) -> None:
-        """A person's word about what is proposed."""
-        if self.phase != "proposed":
-            return
-        if accept:
+        """A person's word about the version in hand, which may be told again and again: a yes is of what is proposed,
+        a no of whatever has become of it meanwhile."""
+        if not accept:
+            self._leave(who)
+        elif self.phase == "proposed":
             self._probation.begin(who)
-        else:
-            self._in_hand.version.decided_by = who
-            self._in_hand.end("left", f"left by {who}")
 
     # ------------------------------------------------------------------------------------------ what follows
+
+    def _leave(self, who: str) -> None:
+        if self.phase in UNTRIED:
+            self._in_hand.version.decided_by = who
+            self._in_hand.end("left", f"left by {who}")
+        elif self._in_hand.holds_one:
+            self._probation.leave(who)
 
     def _law_begins_or_stops(self) -> None:
         """Minutes in which no law acts are none."""
@@ -216,11 +222,12 @@ class Healing:
         """A trial; or a diagnosis of newer seconds, where nobody knows whether the proof still holds."""
         hand = self._in_hand
         age_s = hand.clock() - hand.version.evidence.get("proven_at", 0.0)
-        if age_s <= PROOF_S:
+        if 0.0 <= age_s <= PROOF_S:
             self._probation.begin(POLICY)
             return
         version = hand.version
-        version.reason = f"its proof is {age_s:.0f} s old, a policy tries nothing older than {PROOF_S:.0f} s"
+        told = f"{age_s:.0f} s old" if age_s > 0.0 else f"of a time to come: the clock was set back by {-age_s:.0f} s"
+        version.reason = f"its proof is {told}, a policy tries nothing older than {PROOF_S:.0f} s"
         hand.let_go("left", version.reason)
         hand.tell(f"version {version.number}: left, {version.reason}")
 

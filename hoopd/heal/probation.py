@@ -106,12 +106,26 @@ class Probation:
         self._in_hand.version.decided_by = by
         self._in_hand.enter("decided")
 
+    def leave(self, who: str) -> None:
+        """Somebody said no after the yes of another, or of a policy: what is on trial goes back, what is accepted, too.
+
+        What the daemon has been asked to try, to accept or to bring back is left when it has answered.
+        """
+        hand, why = self._in_hand, f"left by {who}"
+        if self._taken_back:
+            self._end_taken_back(why)
+        elif hand.phase in ("trying", "weighing") and hand.on_trial:
+            self.take_back(why)
+        elif hand.phase == "settling":
+            self._roll_back(why)
+
     def break_off(self, reason: str) -> None:
-        """What is on trial goes back."""
+        """What is on trial goes back; a person who said yes is asked again."""
         hand = self._in_hand
         if hand.on_trial or hand.phase == "asked":  # it may act already
             hand.order(REVERT)
             hand.on_trial, hand.phase = False, "proposed"
+            hand.folder.set_decision_aside(hand.version.number)
             hand.keep("proposed", f"its trial was broken off: {reason}")
 
     def _ask_for_trial(self) -> None:

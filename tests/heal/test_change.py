@@ -140,13 +140,10 @@ def test_a_model_tells_every_number_that_it_changes_whatever_its_interval() -> N
     friction = EffectEntry(name="hoop.coulomb_friction", parameters={"Fc": Parameter(value=0.01, unit="N m")})
     before = msgspec.structs.replace(shipped, effects=[friction])
     bh, ih = shipped.parameters["bh"], shipped.parameters["Ih"]
-    moved = {
-        "bh": msgspec.structs.replace(bh, value=1.6 * bh.value), "Ih": msgspec.structs.replace(ih, value=1.01 * ih.value)
-    }  # fmt: skip
+    grown = {"bh": 1.6 * bh.value, "Ih": 1.01 * ih.value}
+    moved = {name: msgspec.structs.replace(shipped.parameters[name], value=one) for name, one in grown.items()}
     after = msgspec.structs.replace(shipped, parameters={**shipped.parameters, **moved})
     told = written_changes(before, after)
     assert told.shares == {"bh": pytest.approx(0.6), "hoop.coulomb_friction.Fc": -1.0}
-    assert told.values == {
-        "bh": 1.6 * bh.value, "Ih": 1.01 * ih.value, "hoop.coulomb_friction.Fc": 0.0
-    }  # fmt: skip
+    assert told.values == {**grown, "hoop.coulomb_friction.Fc": 0.0}
     assert written_changes(before, before) == written_changes(shipped, before)

@@ -238,7 +238,7 @@ def test_killed_in_a_trial_by_the_policy_it_is_tried_again(tmp_path: Path) -> No
     daemon = PlayedDaemon(tmp_path / "healed")
     daemon.drift()
     daemon.run(200.0, lambda: daemon.healing.phase == "trying")
-    again = PlayedDaemon(tmp_path / "healed")
+    again = PlayedDaemon(tmp_path / "healed", t=daemon.t)
     again.run(100.0, lambda: again.state() == "accepted")
     assert again.names == ["trial", "accept"] and again.versions.loop().acting == 1
 
@@ -284,7 +284,7 @@ def test_a_promise_is_broken_by_more_than_a_fifth_and_more_than_before() -> None
 
 
 def test_noise_in_quiet_minutes_lets_no_bad_law_pass() -> None:
-    """Pictures of 4.8 mrad, minutes that hardly move and a model without any noise: added in squares, not as a ratio."""
+    """Pictures of 4.8 mrad, minutes that hardly move, a model without any noise: added in squares, not as a ratio."""
     quiet = {"measured": 0.0052, "before": 0.0021, "new": 0.0018}
     assert "0.0363 were promised" in verdict({"measured": 0.095, "before": 0.042, "new": 0.036}, quiet)
     assert verdict({"measured": 0.006, "before": 0.0021, "new": 0.0018}, quiet) == ""
