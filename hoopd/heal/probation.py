@@ -172,7 +172,7 @@ class Probation:
     def acts(self, key: str) -> None:
         """The controller that a status has as accepted: where the word of a roll-back was lost."""
         hand = self._in_hand
-        if hand.phase == "rolling" and hand.passed_s > BACK_S and key == hand.folder.read(hand.version.before).key:
+        if hand.phase == "rolling" and hand.passed_s > BACK_S and key in hand.folder.read(hand.version.before).keys:
             hand.end("rolled_back")
 
     def _stays(self, why: str) -> None:
@@ -295,5 +295,5 @@ class Probation:
         before = hand.folder.read(hand.version.before)
         hand.version.reason = why
         hand.enter("rolling")
-        hand.order(CONTROLLER, before.key)
+        hand.order(CONTROLLER, before.keys[0])
         hand.folder.acts(before.number)

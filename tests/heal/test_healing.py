@@ -163,6 +163,18 @@ def test_it_rolls_back_by_itself_when_the_change_goes_away_again(tmp_path: Path)
     assert daemon.state() == "rolled_back" and daemon.versions.loop().acting == 0
 
 
+def test_it_rolls_back_to_the_copy_that_nobody_else_writes_to(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    found = daemon.versions.read(0)
+    found.copy = "heal-0-12345678.yaml@999999999999"
+    daemon.versions.keep(found, 0.0)
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state() == "accepted")
+    daemon.answers["weigh"] = BAD
+    daemon.run(200.0, lambda: daemon.state() == "rolled_back")
+    assert daemon.orders[-1][1].key == found.copy and daemon.state() == "rolled_back"
+
+
 def test_killed_in_a_trial_it_goes_on_with_what_is_proposed_and_loses_nothing(tmp_path: Path) -> None:
     daemon = PlayedDaemon(tmp_path / "healed", policy=None)
     daemon.drift()
