@@ -26,9 +26,11 @@ from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.change import OF_THE_COMPUTER
+from hoopd.heal.loop_watch import ANOTHER, DRIVEN
 from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
+from hoopd.heal.told_controller import ToldController
 
 DRIFT, POLICY = ("model_drift", "policy")
 # A policy is asked again so often, and tries nothing that was proven longer ago: the device may be another by then.
@@ -54,6 +56,7 @@ class Healing:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self._in_hand = Attempt(folder, plan, clock, tell, run)
         self._proposal, self._probation = VersionProposal(self._in_hand), Probation(self._in_hand)
+        self._controller = ToldController(self._in_hand)
         self._policy, self._asked_at = policy, 0.0
         self._began = self._over = self._settled = False
         self.why = ""
@@ -110,16 +113,34 @@ class Healing:
             if why := self._probation.took_over(fields):
                 self.stop(why)
         elif event == "operator" and fields.get("command") == ACCEPT:
-            self._probation.accepted()
+            if why := self._probation.accepted():
+                self.stop(why)
         elif event == "trial_returned":
             self._probation.returned(str(fields.get("reason", "")))
         elif event == "command_refused":
             self._probation.refused(str(fields.get("command")), str(fields.get("reason", "")))
+        else:
+            self._note_a_hand(event, fields)
 
-    def see(self, faults: tuple[str, ...], acting: str = "") -> None:
+    def _note_a_hand(self, event: str, fields: Mapping[str, Any]) -> None:
+        """What a person does to the loop: minutes of it are none of the version's."""
+        watch = self._in_hand.watch
+        if event == "tuned":
+            self._probation.tuned(str(fields.get("key", "")))
+        elif event == "experiment_ended":
+            watch.is_own(ANOTHER)
+        elif event == "speed" and fields.get("speed"):
+            watch.is_not_own(DRIVEN)
+        elif event in ("speed", "speed_ended"):
+            watch.is_own(DRIVEN)
+
+    def see(self, faults: tuple[str, ...], acting: str | None = None) -> None:
         """Active faults and the accepted controller, as a status tells them: what began before anybody listened, and
-        what was not heard. `acting`: NAME.yaml@SHA256, empty while it tells of none."""
-        self._probation.acts(acting)
+        what was not heard. `acting`: NAME.yaml@SHA256, empty while another one acts, None where nobody tells."""
+        if acting is not None:
+            self._probation.acts(acting)
+            if not self.over and (why := self._controller.see(acting)):
+                self.stop(why)
         rows = [BY_NAME[name] for name in faults if name in BY_NAME]
         self._in_hand.watch.faults_are([row.name for row in rows if row.action > Action.NOTE])
         if DRIFT in faults:

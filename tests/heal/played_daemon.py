@@ -44,7 +44,8 @@ class PlayedDaemon:
     t: float = 0.0
 
     def __post_init__(self) -> None:
-        self.running, self.acting = True, ""
+        self.running = True
+        self.acting: str | None = None  # of its statuses
         self.faults = self._faults_before = tuple[str, ...]()
         self.orders: list[tuple[float, WantedCommand]] = []
         self.works: list[HealWork] = []
