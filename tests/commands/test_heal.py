@@ -116,7 +116,12 @@ def test_what_was_found_comes_back_with_its_model_whatever_became_of_a_person_s_
 ) -> None:
     controllers = controllers_with(tmp_path / "controllers")
     versions, asked = found(tmp_path / "healed", controllers), list[dict[str, str]]()
-    monkeypatch.setattr(operator, "ask", lambda request, *_: asked.append(request) or {"mode": "READY"})
+
+    def ask(request: dict[str, str], *_: object) -> dict[str, str]:
+        asked.append(request)
+        return {"mode": "READY"}
+
+    monkeypatch.setattr(operator, "ask", ask)
     controllers_with(controllers.folder, LAW + "k: 1\n", MODEL + "bb: 2\n")  # designed and fitted anew
     assert told(["restore", "0"], versions.folder)["says"] == "version 0 acts"
     name = versions.copy_name(0)
