@@ -276,7 +276,10 @@ class Probation:
         hand = self._in_hand
         bad = verdict(result, hand.version.evidence.get("promise", {}), hand.plan.by)
         if not hand.on_trial and not self._taken_back:
-            self._weighed_round(result, bad)
+            if bad and hand.watch.is_foreign(ANOTHER):
+                hand.enter("settling")  # the daemon would refuse to bring another one back: weighed anew after that
+            else:
+                self._weighed_round(result, bad)
             return
         self._keep_round(result, bad)
         if self._taken_back:

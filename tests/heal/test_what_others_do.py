@@ -51,6 +51,18 @@ def test_the_watch_over_what_was_accepted_goes_on_after_them(what: str, tmp_path
     assert daemon.state() == "accepted" and daemon.works[-1].name == "remember"
 
 
+def test_a_bad_round_that_is_told_while_somebody_tries_another_law_is_weighed_anew(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.answers["weigh"] = BAD
+    daemon.run(200.0, lambda: len(rounds(daemon)) == 2)
+    daemon.healing.note(*BEGINS["experiment"])
+    daemon.run(30.0)
+    assert daemon.names == ["trial", "accept"] and daemon.healing.phase == "settling"
+    daemon.healing.note(*ENDS["experiment"])
+    daemon.run(100.0)
+    assert daemon.names[-1] == "controller" and daemon.state() == "rolled_back"
+
+
 def test_a_fault_under_somebody_s_experiment_is_no_bad_round(tmp_path: Path) -> None:
     daemon = accepted(tmp_path / "healed")
     daemon.run(10.0)
