@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hoopd.commands.options.heal import HealOptions
@@ -89,12 +90,23 @@ def _restore(options: HealOptions) -> dict[str, Any]:
     if version.accepted is None:
         raise InputError(folder.folder, str(number), f"never acted (it is {version.state.replace('_', ' ')})")
     folder.check(number)
-    answer = ask(
-        {"command": "controller", "key": version.key}, options.config, (*options.sets, f"device.name={device}")
-    )
-    folder.keep(version, time.time(), f"restored by {user_name()}")
+    key = _usable_key(folder, version, options.controllers)
+    answer = ask({"command": "controller", "key": key}, options.config, (*options.sets, f"device.name={device}"))
+    folder.keep(folder.read(number), time.time(), f"restored by {user_name()}")
     folder.acts(version.acts_as)
-    return {"version": number, "key": version.key, "mode": answer["mode"], "says": f"version {number} acts"}
+    return {"version": number, "key": key, "mode": answer["mode"], "says": f"version {number} acts"}
+
+
+def _usable_key(folder: VersionFolder, version: HealVersion, controllers: Path | None) -> str:
+    """Of a copy with its own model in the daemon's folder, laid in anew where somebody took it away; where this machine
+    has no such folder, of what was laid in before."""
+    from hoopd.dashboard.work.controllers import Controllers
+    from hoopd.heal.version_copies import lay_copy
+
+    told = controllers or folder.loop().controllers
+    if not told or (controllers is None and not Path(told).is_dir()):
+        return version.keys[0]
+    return lay_copy(folder, version.acts_as, Controllers(Path(told)).lay_in_with)
 
 
 def _folder(options: HealOptions) -> VersionFolder:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from hoopd.commands.heal_work import HealWorker
     from hoopd.dashboard.device import ShownDevice
     from hoopd.dashboard.feed import Connection
+    from hoopd.dashboard.work.controllers import Controllers
     from hoopd.files.heal_policy import HealPolicy
     from hoopd.heal.healing import Healing
     from hoopd.heal.plan import HealPlan, HealWork
@@ -79,17 +80,23 @@ def _watched(options: HealOptions, config: Config) -> Iterator[VersionFolder]:
     folder = VersionFolder(options.out)
     folder.begin(config.device.name)
     with folder.watching():
+        folder.takes_controllers_from(_controllers(config, options).folder)
         yield folder
 
 
 def _alone_with(config: Config, options: HealOptions) -> AbstractContextManager[None]:
     """InputError where another heal, with another folder of versions, follows the same daemon: each would take the
     other's controllers for a person's."""
+    controllers, name = _controllers(config, options).folder, config.device.name
+    return alone_in(controllers, f"{HEALED}{name}", f"another hoopd heal follows {name}", "--controllers")
+
+
+def _controllers(config: Config, options: HealOptions) -> Controllers:
+    """The daemon's folder; InputError when there is none."""
     from hoopd.daemon.loading import controller_folder
     from hoopd.dashboard.work.controllers import Controllers
 
-    controllers, name = Controllers(controller_folder(config, options.config)).folder, config.device.name
-    return alone_in(controllers, f"{HEALED}{name}", f"another hoopd heal follows {name}", "--controllers")
+    return Controllers(controller_folder(config, options.config))
 
 
 def _check_names(policy: HealPolicy, path: Path, config: Config, config_path: Path | None) -> None:
@@ -168,12 +175,9 @@ class _FollowedDaemon:
     def __init__(
         self, options: HealOptions, config: Config, device: ShownDevice, folder: VersionFolder, recordings: Path
     ) -> None:
-        from hoopd.daemon.loading import controller_folder
-        from hoopd.dashboard.work.controllers import Controllers
-
         self._options, self._config, self._device, self._folder = options, config, device, folder
         self._recordings = recordings
-        self._controllers = Controllers(controller_folder(config, options.config))
+        self._controllers = _controllers(config, options)
         self._wanted: queue.Queue[HealWork | None] = queue.Queue()
         self._results: queue.SimpleQueue[tuple[HealWork, dict[str, Any]]] = queue.SimpleQueue()
         self._interrupted, self._mode = False, ""
@@ -183,9 +187,12 @@ class _FollowedDaemon:
         from hoopd.dashboard.turns import ComparisonSupervisor
         from hoopd.heal.healing import Healing
         from hoopd.heal.resumption import note_what_acts
+        from hoopd.heal.version_copies import lay_copies
 
+        working = self._worker(plan)  # takes a second: what the daemon has is asked when nothing more takes time
+        worker = threading.Thread(target=self._work, args=(working,), daemon=True)
         note_what_acts(self._folder, _accepted(self._device), time.time(), user_name(), self._files)
-        worker = threading.Thread(target=self._work, args=(self._worker(plan),), daemon=True)
+        lay_copies(self._folder, self._controllers.lay_in_with, typer.echo)
         healing = Healing(self._folder, plan, policy, time.time, self._device.run, typer.echo)
         typer.echo(f"following {self._device.identity}: version {self._folder.loop().acting} acts")
         worker.start()
@@ -223,7 +230,7 @@ class _FollowedDaemon:
         return HealWorker(
             folder=self._folder,
             recording=self._recording,
-            lay_in=self._controllers.lay_in,
+            lay_in=self._controllers.lay_in_with,
             by=plan.by,
             jobs=options.jobs,
             grammar=options.grammar,
@@ -255,7 +262,7 @@ class _FollowedDaemon:
         self._tell_mode()
         while not self._results.empty():
             healing.done(*self._results.get())
-        if healing.phase == "proposed" and healing.version is not None:
+        if healing.version is not None:
             decision = self._folder.decision(healing.version.number)
             if decision is not None:
                 healing.decide(decision.accept, decision.who)

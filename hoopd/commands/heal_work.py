@@ -6,7 +6,7 @@ a step whose file is there is not repeated; the daemon's recording is read and n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,10 +22,11 @@ from hoopd.files.memory import add_to_memory, load_memory
 from hoopd.files.model import model_text
 from hoopd.files.reading import InputError
 from hoopd.files.whole_files import file_bytes, replace_file
-from hoopd.heal.change import judged
+from hoopd.heal.change import judged, written_changes
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
 from hoopd.heal.plan import REMEMBER, HealWork
+from hoopd.heal.version_copies import LayIn, laid_copy
 from hoopd.plants.hoop.loop.writeback import unused
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
@@ -35,12 +36,8 @@ MEMORY = "memory.json"  # of a version: what was known, and its diagnosis
 # A law that follows the time since a recording's begin is none of the next one's: a filter cannot have it, and what is
 # fitted beside it would be wrong without it.
 OF_A_RECORDING = ("hoop.friction_drift",)
-DIGITS = 8
 LONGEST_S = 1800.0  # of a step: what takes longer is no answer to minutes that are over
 UNUSABLE = 2  # of a diagnosis that writes everything but a model of which there are doubts
-
-# NAME.yaml@SHA256 of a controller that is laid into the daemon's folder under a name.
-LayIn = Callable[[str, Path, Path], str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +103,15 @@ class HealWorker:
         if why := _of_no_use(place / "model.yaml", found.effects):
             return result | {"learn": False, "reason": f"{found.reason}; {why}"}
         self._design(place)
-        return result
+        return result | self._written(place, before, result)
+
+    def _written(self, place: Path, before: Path, told: Mapping[str, Any]) -> dict[str, Any]:
+        """What a policy is asked about: beside what the data exclude, every number that the version's model changes."""
+        written = written_changes(load_model(before / "model.yaml"), load_model(place / "model.yaml"))
+        return {
+            "parameters": {**told["parameters"], **written.shares},
+            "values": {**told["values"], **written.values},
+        }
 
     def _memory_words(self, place: Path, begun: float) -> list[str | Path]:
         """A diagnosis is told what is known, as a copy: what it adds counts once its version has proven itself."""
@@ -157,11 +162,7 @@ class HealWorker:
         promise = loop_costs(read_recording(str(place / "evidence.mcap")), acting, chosen, self.by)
         why = _not_proven(gain if restores is None else earlier[restores], promise)
         told = f"{gain.nats:.0f} nats on {gain.seconds:.0f} s that nobody fitted"
-        key = self.folder.read(restores).key if restores is not None else ""
-        if not why and not key:
-            digest = self.folder.hashes(version.number)["controller.yaml"]
-            name = f"heal-{version.number}-{digest[:DIGITS]}"  # of this version, and of no other folder's
-            key = self.lay_in(name, place / "controller.yaml", self.folder.folder)
+        key = "" if why else laid_copy(self.folder, version.number if restores is None else restores, self.lay_in)
         return {
             "proven": not why,
             "why": why or (told if restores is None else f"{told}; version {restores} explains them as well"),

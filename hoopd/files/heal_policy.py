@@ -49,16 +49,16 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         """Why what was found may not be learned unasked; empty when it may.
 
         `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of what they were;
-        `values`: what these are now, in their units.
+        `values`: what these, and others that changed by less, are now, in their units.
         """
         for name, parameters in effects.items():
             if why := self._of_effect(name, parameters, probabilities.get(name, 0.0)):
                 return why
+        for name, value in values.items():
+            if why := self._of_size(name, value):
+                return why
         for name, share in changes.items():
-            if name in self.largest and name in values:
-                if why := self._of_size(name, values[name]):
-                    return why
-            elif abs(share) > self.parameter_change:
+            if abs(share) > self.parameter_change and not (name in self.largest and name in values):
                 return (
                     f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
                 )
@@ -81,12 +81,15 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         return f"{name} is {value:.3g}, the policy's largest is {limit:.3g}"
 
     def too_often(self, accepted: Sequence[float], now: float) -> str:
-        """Why it is too early, or too much for a day; `accepted`: when versions were accepted, `now`: s, one clock."""
-        last_day = [at for at in accepted if now - at < DAY_S]
+        """Why it is too early, or too much for a day; `accepted`: when versions were accepted, in that order; `now`: s,
+        one clock, which may have been set back: the last date is then one to come, and a person has to look."""
+        last_day = [at for at in accepted if abs(now - at) < DAY_S]
         if len(last_day) >= self.most_per_day:
             return f"{len(last_day)} versions were accepted within a day, the policy's most is {self.most_per_day}"
-        since = now - max(accepted, default=-DAY_S)
-        if accepted and since < self.pause_s:
+        since = now - accepted[-1] if accepted else DAY_S
+        if since < 0.0:
+            return f"the last version was accepted at a time to come: the clock was set back by {-since:.0f} s or more"
+        if since < self.pause_s:
             return f"the last version was accepted {since:.0f} s ago, the policy's pause is {self.pause_s:.0f} s"
         return ""
 

@@ -1,6 +1,6 @@
 """The versions of a loop: a folder each, with model, controller, and what was known when it was proposed.
 
-    heal.json                 which device, and the version that acts
+    heal.json                 which device, the version that acts, and the daemon's folder of controllers
     0000/version.json         the loop as it was found, with controller.yaml and model.yaml
     0001/version.json         what became of the first change
     0001/evidence.mcap        the minutes that were diagnosed; fresh.mcap: those that prove it, which were not fitted
@@ -37,6 +37,7 @@ State = Literal[
 # Of what nobody waits for any more.
 OVER: tuple[State, ...] = ("accepted", "left", "refused", "went_back", "rolled_back")
 MOST = 9999
+DIGITS = 8  # of a copy's name
 FOUND = "found"  # kind of a version that nobody learned: the loop as it was
 DECISION = "decision.json"
 LOCK, TAKEN = ".watched", "another hoopd heal is at work here"
@@ -60,6 +61,7 @@ class HealVersion(msgspec.Struct, kw_only=True):
     kind: str = ""
     reason: str = ""
     key: str = ""  # NAME.yaml@SHA256 in the daemon's folder of controllers
+    copy: str = ""  # of a copy with its own model beside it, where `key` is a name that people write to
     sha256: dict[str, str] = {}  # of files beside it
     restores: int | None = None
     faults_s: dict[str, float] = {}
@@ -73,13 +75,19 @@ class HealVersion(msgspec.Struct, kw_only=True):
         """The version whose files act when this one does."""
         return self.number if self.restores is None else self.restores
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Of its files in the daemon's folder, the one that nobody else writes to first."""
+        return tuple(one for one in (self.copy, self.key) if one)
+
 
 class HealedLoop(msgspec.Struct, kw_only=True):
-    """`hoopd.heal/1`: the device, and which version acts."""
+    """`hoopd.heal/1`: the device, which version acts, and the daemon's folder of controllers as it was last."""
 
     schema: Literal["hoopd.heal/1"] = "hoopd.heal/1"
     device: str
     acting: int = 0
+    controllers: str = ""
 
 
 class HealDecision(msgspec.Struct, kw_only=True):
@@ -113,6 +121,12 @@ class VersionFolder:
             raise InputError(self.folder, "--out", "holds no versions: hoopd heal has not been here")
         loop: HealedLoop = read_json(path, HealedLoop)
         return loop
+
+    def takes_controllers_from(self, folder: Path) -> None:
+        """Remember where the daemon's controllers lie, for whoever brings a version back."""
+        loop = self.loop()
+        loop.controllers = str(folder.resolve())
+        self._keep_loop(loop)
 
     def watching(self) -> AbstractContextManager[None]:
         """Alone: two that follow one loop would undo each other's work."""
@@ -172,9 +186,9 @@ class VersionFolder:
         write_json(self.of(version.number) / "version.json", version)
 
     def decide(self, number: int, decision: HealDecision) -> None:
-        """Lay a person's decision beside a version; InputError unless it is proposed."""
+        """Lay a person's decision beside a version; InputError unless it is proposed, or a no is of one on trial."""
         version = self.read(number)
-        if version.state != "proposed":
+        if version.state != "proposed" and (decision.accept or version.state != "trying"):
             raise InputError(self.folder, str(number), f"is {version.state.replace('_', ' ')}, not proposed")
         self.check(number)
         write_json(self.of(number) / DECISION, decision)
@@ -183,6 +197,13 @@ class VersionFolder:
         """What a person decided about a version, if any did."""
         path = self.of(number) / DECISION
         return read_json(path, HealDecision) if path.exists() else None
+
+    def set_decision_aside(self, number: int) -> None:
+        """A person has to decide anew; what was decided stays, as decision_1.json and so on."""
+        path = self.of(number) / DECISION
+        if path.exists():
+            place = len([*path.parent.glob(f"{path.stem}_*{path.suffix}")]) + 1
+            path.rename(path.with_stem(f"{path.stem}_{place}"))
 
     def waiting(self) -> list[int]:
         """Numbers of the versions of which a person has not decided yet."""
@@ -193,6 +214,12 @@ class VersionFolder:
         loop = self.loop()
         loop.acting = number
         self._keep_loop(loop)
+
+    def copy_name(self, number: int) -> str:
+        """Of a version's copy in the daemon's folder: of its two files, and of no other version's or folder's."""
+        told = self.hashes(number)
+        digest = hashlib.sha256(f"{told['controller.yaml']} {told['model.yaml']}".encode()).hexdigest()
+        return f"heal-{number}-{digest[:DIGITS]}"
 
     def hashes(self, number: int) -> dict[str, str]:
         """SHA-256 of a version's files by name."""

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isclose
 from types import MappingProxyType
 
 from hoopd.core.faulttable import BY_NAME, Action
 from hoopd.diagnose.record import Diagnosis, EffectFinding, Quantity
+from hoopd.files.model import ModelFile, PlantModelFile
 
 NOTHING, PARAMETERS, PHYSICS, UNKNOWN, SENSOR = ("nothing", "parameters", "physics", "unknown", "sensor")
 LEARNABLE = (PARAMETERS, PHYSICS)
@@ -46,6 +48,7 @@ class ChangeJudgement:
 
     `effects`: parameters of what is new and confirmed, by name; `probabilities`: of these; `parameters`: of the model's
     parameters outside of whose interval the old value lies, the change as a share of it; `values`: what these are now.
+    What the model that is loaded changes beside these, `written_changes` tells.
     """
 
     kind: str
@@ -83,6 +86,35 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
         told = ", ".join(f"{name} {share:+.0%}" for name, share in changed.items())
         return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed, values=values)
     return ChangeJudgement(NOTHING, "the model explains these minutes")
+
+
+@dataclass(frozen=True)
+class WrittenChanges:
+    """What one model has otherwise than another, by parameter or SLOT.EFFECT.PARAMETER.
+
+    `shares`: of the old value, where it is more than a correction; `values`: what each is now, by however little.
+    """
+
+    shares: Mapping[str, float]
+    values: Mapping[str, float]
+
+
+def written_changes(before: ModelFile | PlantModelFile, after: ModelFile | PlantModelFile) -> WrittenChanges:
+    """What acts otherwise once `after` takes the place of `before`: whatever the data exclude or not.
+
+    Effects that `before` does not have are none of it; of one that is gone everything is 0 now.
+    """
+    old = numbers(before)
+    new = dict.fromkeys(old, 0.0) | numbers(after)
+    values = {name: new[name] for name in old if not isclose(new[name], old[name])}
+    shares = {name: _share(old[name], value) for name, value in values.items()}
+    return WrittenChanges({name: one for name, one in shares.items() if abs(one) >= LEAST_CHANGE}, values)
+
+
+def numbers(model: ModelFile | PlantModelFile) -> dict[str, float]:
+    """Every number of a model, those of its effects as SLOT.EFFECT.PARAMETER."""
+    effects = {f"{one.name}.{key}": told.value for one in model.effects for key, told in one.parameters.items()}
+    return {**model.values(), **effects}
 
 
 def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float) -> str:
@@ -137,10 +169,15 @@ def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float]:
         low, high = one.ci95 or (None, None)
         if one.value is None or one.nominal is None or low is None or high is None:
             continue
-        share = (one.value - one.nominal) / abs(one.nominal) if one.nominal else float("inf")
+        share = _share(one.nominal, one.value)
         if not low <= one.nominal <= high and abs(share) >= LEAST_CHANGE:
             found[name] = share
     return found
+
+
+def _share(before: float, now: float) -> float:
+    """A change, of what it was before."""
+    return (now - before) / abs(before) if before else float("inf")
 
 
 def _value(one: Quantity | None) -> float | None:

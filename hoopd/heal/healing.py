@@ -26,15 +26,18 @@ from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.change import OF_THE_COMPUTER
+from hoopd.heal.loop_watch import ANOTHER, DRIVEN
 from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
+from hoopd.heal.told_controller import ToldController
 
 DRIFT, POLICY = ("model_drift", "policy")
 # A policy is asked again so often, and tries nothing that was proven longer ago: the device may be another by then.
 ASK_S, PROOF_S = 60.0, 600.0
 # A drift that is told right after a change of the law may be of the law before it.
 UNHEARD_IN = ("settling", "rolling")
+UNTRIED = ("proposed", "decided")
 PHASE_OF_WORK: Mapping[str, str] = {"diagnose": "diagnosing", "prove": "proving", "weigh": "weighing"}
 
 
@@ -53,6 +56,7 @@ class Healing:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self._in_hand = Attempt(folder, plan, clock, tell, run)
         self._proposal, self._probation = VersionProposal(self._in_hand), Probation(self._in_hand)
+        self._controller = ToldController(self._in_hand)
         self._policy, self._asked_at = policy, 0.0
         self._began = self._over = self._settled = False
         self.why = ""
@@ -109,16 +113,34 @@ class Healing:
             if why := self._probation.took_over(fields):
                 self.stop(why)
         elif event == "operator" and fields.get("command") == ACCEPT:
-            self._probation.accepted()
+            if why := self._probation.accepted():
+                self.stop(why)
         elif event == "trial_returned":
             self._probation.returned(str(fields.get("reason", "")))
         elif event == "command_refused":
             self._probation.refused(str(fields.get("command")), str(fields.get("reason", "")))
+        else:
+            self._note_a_hand(event, fields)
 
-    def see(self, faults: tuple[str, ...], acting: str = "") -> None:
+    def _note_a_hand(self, event: str, fields: Mapping[str, Any]) -> None:
+        """What a person does to the loop: minutes of it are none of the version's."""
+        watch = self._in_hand.watch
+        if event == "tuned":
+            self._probation.tuned(str(fields.get("key", "")))
+        elif event == "experiment_ended":
+            watch.is_own(ANOTHER)
+        elif event == "speed" and fields.get("speed"):
+            watch.is_not_own(DRIVEN)
+        elif event in ("speed", "speed_ended"):
+            watch.is_own(DRIVEN)
+
+    def see(self, faults: tuple[str, ...], acting: str | None = None) -> None:
         """Active faults and the accepted controller, as a status tells them: what began before anybody listened, and
-        what was not heard. `acting`: NAME.yaml@SHA256, empty while it tells of none."""
-        self._probation.acts(acting)
+        what was not heard. `acting`: NAME.yaml@SHA256, empty while another one acts, None where nobody tells."""
+        if acting is not None:
+            self._probation.acts(acting)
+            if not self.over and (why := self._controller.see(acting)):
+                self.stop(why)
         rows = [BY_NAME[name] for name in faults if name in BY_NAME]
         self._in_hand.watch.faults_are([row.name for row in rows if row.action > Action.NOTE])
         if DRIFT in faults:
@@ -154,16 +176,21 @@ class Healing:
             self._ask_policy()
 
     def decide(self, accept: bool, who: str) -> None:
-        """A person's word about what is proposed."""
-        if self.phase != "proposed":
-            return
-        if accept:
+        """A person's word about the version in hand, which may be told again and again: a yes is of what is proposed,
+        a no of whatever has become of it meanwhile."""
+        if not accept:
+            self._leave(who)
+        elif self.phase == "proposed":
             self._probation.begin(who)
-        else:
-            self._in_hand.version.decided_by = who
-            self._in_hand.end("left", f"left by {who}")
 
     # ------------------------------------------------------------------------------------------ what follows
+
+    def _leave(self, who: str) -> None:
+        if self.phase in UNTRIED:
+            self._in_hand.version.decided_by = who
+            self._in_hand.end("left", f"left by {who}")
+        elif self._in_hand.holds_one:
+            self._probation.leave(who)
 
     def _law_begins_or_stops(self) -> None:
         """Minutes in which no law acts are none."""
@@ -216,11 +243,12 @@ class Healing:
         """A trial; or a diagnosis of newer seconds, where nobody knows whether the proof still holds."""
         hand = self._in_hand
         age_s = hand.clock() - hand.version.evidence.get("proven_at", 0.0)
-        if age_s <= PROOF_S:
+        if 0.0 <= age_s <= PROOF_S:
             self._probation.begin(POLICY)
             return
         version = hand.version
-        version.reason = f"its proof is {age_s:.0f} s old, a policy tries nothing older than {PROOF_S:.0f} s"
+        told = f"{age_s:.0f} s old" if age_s > 0.0 else f"of a time to come: the clock was set back by {-age_s:.0f} s"
+        version.reason = f"its proof is {told}, a policy tries nothing older than {PROOF_S:.0f} s"
         hand.let_go("left", version.reason)
         hand.tell(f"version {version.number}: left, {version.reason}")
 

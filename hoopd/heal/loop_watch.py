@@ -18,6 +18,9 @@ from hoopd.heal.plan import HealPlan
 # from their beginning on.
 CERTAIN_S = (BLOCKS // 2 - 1) * BLOCK_S
 STATUS_S = 2.0  # a status comes every second
+# Why what acts is not the version's law, though the loop runs: somebody's trial or experiment, gains of another size, a
+# hand that drives the hoop.
+ANOTHER, TUNED, DRIVEN = ("another law", "tuned gains", "a hand")
 # Every pause after something that came to nothing is twice the one before, so often.
 MOST_DOUBLED = 4
 
@@ -28,7 +31,9 @@ class LoopWatch:
     def __init__(self) -> None:
         self.t = 0.0
         self.acts_since = 0.0  # since when the law that acts is followed without a pause
-        self.running = False
+        self.running = False  # and it is the version's law, by nobody's hand
+        self.changed_at = 0.0  # when that was told last to be so, or not
+        self._foreign = set[str]()
         self.gathered_from: float | None = None
         self._drift_at: float | None = None
         self._faults: dict[str, list[tuple[float, float | None]]] = {}
@@ -38,6 +43,9 @@ class LoopWatch:
     def tick(self, t: float, running: bool) -> bool:
         """One tick; whether the law begins to act in it, or no longer does: minutes without it are none."""
         self.t = t
+        if not running:
+            self._foreign.discard(DRIVEN)  # every hand lets go there
+        running = running and not self._foreign
         if self._last_look is None:
             self._last_look = t
         if running == self.running:
@@ -45,6 +53,20 @@ class LoopWatch:
         self.running, self.acts_since = running, t
         self.gathered_from = self._drift_at = None
         return True
+
+    def is_not_own(self, why: str) -> None:
+        """What acts from now on is not the version's law: one of the reasons above."""
+        self._foreign.add(why)
+        self.changed_at = self.t
+
+    def is_own(self, why: str) -> None:
+        """This reason is over."""
+        self._foreign.discard(why)
+        self.changed_at = self.t
+
+    def is_foreign(self, why: str) -> bool:
+        """Whether this reason goes on."""
+        return why in self._foreign
 
     def drifts(self) -> None:
         """The model no longer fits."""
@@ -99,6 +121,7 @@ class LoopWatch:
 
     def law_changed(self) -> None:
         """Another law acts: what was told of the one before is over, and its minutes are none of this one's."""
+        self._foreign.discard(TUNED)
         self.gathered_from = self._drift_at = None
         self.acts_since = self._last_look = self.t
         self._fruitless = 0

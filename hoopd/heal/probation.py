@@ -12,14 +12,15 @@ Rules of this file: pure; it says what to command and what to weigh, others do.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
 from hoopd.core.trial import DEAR, SILENT
 from hoopd.design.comparison import REST_S
-from hoopd.files.heal_versions import FOUND
+from hoopd.files.heal_versions import FOUND, HealVersion
 from hoopd.heal.attempt import Attempt
+from hoopd.heal.loop_watch import ANOTHER, TUNED
 from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER, WEIGH_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
@@ -29,7 +30,15 @@ from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 TRIES_KEPT, TRIES_UNWEIGHED = 4, 2
 LEAST_WEIGHED_S = 5.0
 FAULT_S = 1.0  # a fault that is told so soon after the law stopped is what stopped it
+SOMEBODY = "somebody else changed the controller: begin again with what acts now"
+SOMEBODY_TRIES = "somebody else tries another law"
 WATCHED = "watched"  # in a version's evidence: the watch over it is over
+
+
+def _is_one_of(keys: Iterable[str], sha256: str) -> bool:
+    """Whether a controller of this hash is that of one of these keys, whose hashes may be cut off."""
+    digits = [key.partition("@")[2] for key in keys]
+    return any(one and sha256.startswith(one) for one in digits)
 
 
 class Probation:
@@ -95,7 +104,7 @@ class Probation:
     def law_fails(self, why: str) -> None:
         """A fault took the torque away: under what was accepted a bad round, one until the law acts again."""
         hand, watch = self._in_hand, self._in_hand.watch
-        acted = watch.running or watch.t - watch.acts_since <= FAULT_S
+        acted = (watch.running or watch.t - watch.acts_since <= FAULT_S) and not watch.is_foreign(ANOTHER)
         watched = hand.phase in ("settling", "weighing") and not hand.on_trial and not self._taken_back
         if acted and watched and not self._has_failed:
             self._has_failed = True
@@ -106,12 +115,26 @@ class Probation:
         self._in_hand.version.decided_by = by
         self._in_hand.enter("decided")
 
+    def leave(self, who: str) -> None:
+        """Somebody said no after the yes of another, or of a policy: what is on trial goes back, what is accepted, too.
+
+        What the daemon has been asked to try, to accept or to bring back is left when it has answered.
+        """
+        hand, why = self._in_hand, f"left by {who}"
+        if self._taken_back:
+            self._end_taken_back(why)
+        elif hand.phase in ("trying", "weighing") and hand.on_trial:
+            self.take_back(why)
+        elif hand.phase == "settling":
+            self._roll_back(why)
+
     def break_off(self, reason: str) -> None:
-        """What is on trial goes back."""
+        """What is on trial goes back; a person who said yes is asked again."""
         hand = self._in_hand
         if hand.on_trial or hand.phase == "asked":  # it may act already
             hand.order(REVERT)
             hand.on_trial, hand.phase = False, "proposed"
+            hand.folder.set_decision_aside(hand.version.number)
             hand.keep("proposed", f"its trial was broken off: {reason}")
 
     def _ask_for_trial(self) -> None:
@@ -128,22 +151,37 @@ class Probation:
 
     def took_over(self, fields: Mapping[str, Any]) -> str:
         """A controller acts from now on; why nothing more can be done here, empty otherwise."""
-        hand = self._in_hand
-        sha256 = hand.version.key.partition("@")[2] if hand.holds_one else "-"
-        ours = bool(sha256) and str(fields.get("sha256", "")).startswith(sha256)
-        if hand.phase == "asked" and ours and fields.get("command") == TRIAL:
+        hand, command, sha256 = self._in_hand, fields.get("command"), str(fields.get("sha256", ""))
+        if hand.phase == "asked" and command == TRIAL and _is_one_of([hand.version.key], sha256):
             hand.on_trial, self._alive_at = True, hand.watch.t
             hand.enter("trying")
-        elif hand.phase == "rolling":
-            hand.end("rolled_back")
-        elif fields.get("command") == CONTROLLER:
-            return "somebody else changed the controller: begin again with what acts now"
-        elif self._taken_back:
-            self._end_taken_back("somebody else tries another law")
-        elif hand.phase in ("settling", "weighing") and not hand.on_trial:
-            hand.note(**{WATCHED: True})
-            hand.let_go("accepted", "no longer watched: somebody else tries another law")
+        elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._before.keys, sha256):
+            self._rolled_back()
+        elif command == CONTROLLER:
+            return SOMEBODY
+        else:
+            self._somebody_tries()
         return ""
+
+    def _somebody_tries(self) -> None:
+        """A trial or an experiment that is not ours: its seconds are nobody's here, and none of ours is on trial."""
+        hand = self._in_hand
+        hand.watch.is_not_own(ANOTHER)
+        if self._taken_back:
+            self._end_taken_back(SOMEBODY_TRIES)
+        elif hand.on_trial:  # the word of its end was lost
+            hand.end("went_back", SOMEBODY_TRIES)
+
+    def tuned(self, name: str) -> None:
+        """Gains are of another size: those of what is on trial end the trial, those of what was accepted make it
+        another law than the version's, until a controller is loaded."""
+        hand, why = self._in_hand, f"{name} was tuned by hand"
+        is_of_accepted = not hand.on_trial and not hand.watch.is_foreign(ANOTHER)
+        self.break_off(why)
+        if is_of_accepted and not hand.watch.is_foreign(TUNED):
+            hand.watch.is_not_own(TUNED)
+            back = f"hoopd heal restore {hand.folder.loop().acting}"
+            hand.tell(f"{why}: nothing is learned, tried or weighed until a controller is loaded ({back})")
 
     def refused(self, command: str, reason: str) -> None:
         """The daemon did not take what was asked for; what acts stays."""
@@ -158,8 +196,17 @@ class Probation:
     def acts(self, key: str) -> None:
         """The controller that a status has as accepted: where the word of a roll-back was lost."""
         hand = self._in_hand
-        if hand.phase == "rolling" and hand.passed_s > BACK_S and key == hand.folder.read(hand.version.before).key:
-            hand.end("rolled_back")
+        if hand.phase == "rolling" and hand.passed_s > BACK_S and key in self._before.keys:
+            self._rolled_back()
+
+    @property
+    def _before(self) -> HealVersion:
+        """The version that acted before the one in hand."""
+        return self._in_hand.folder.read(self._in_hand.version.before)
+
+    def _rolled_back(self) -> None:
+        self._in_hand.watch.law_changed()
+        self._in_hand.end("rolled_back")
 
     def _stays(self, why: str) -> None:
         """What was accepted acts on, though it is bad."""
@@ -172,6 +219,7 @@ class Probation:
         hand = self._in_hand
         was_on_trial, hand.on_trial = hand.on_trial, False
         if not (was_on_trial or hand.phase == "asked"):
+            hand.watch.is_own(ANOTHER)  # of somebody else
             return
         if not reason.startswith((DEAR, SILENT)):
             hand.end("went_back", "" if reason == REVERTED else reason)
@@ -202,10 +250,12 @@ class Probation:
         reason, self._taken_back = self._taken_back, ""
         self._in_hand.end("went_back", f"{reason}; {why}" if why else reason)
 
-    def accepted(self) -> None:
-        """The daemon tells that it holds what was on trial."""
+    def accepted(self) -> str:
+        """The daemon tells that it holds what was on trial; why nothing more can be done here where that was another's,
+        empty otherwise."""
         if self._in_hand.phase == "accepting":
             self._accepted()
+        return SOMEBODY if self._in_hand.watch.is_foreign(ANOTHER) else ""
 
     def _accepted(self) -> None:
         """The version acts; what the daemon held against the model of before went with that model."""
@@ -224,9 +274,12 @@ class Probation:
     def weighed(self, result: Mapping[str, Any]) -> None:
         """Keep it, or take it back; after it was accepted two bad rounds in a row are asked."""
         hand = self._in_hand
-        bad = verdict(result, hand.version.evidence.get("promise", {}))
+        bad = verdict(result, hand.version.evidence.get("promise", {}), hand.plan.by)
         if not hand.on_trial and not self._taken_back:
-            self._weighed_round(result, bad)
+            if bad and hand.watch.is_foreign(ANOTHER):
+                hand.enter("settling")  # the daemon would refuse to bring another one back: weighed anew after that
+            else:
+                self._weighed_round(result, bad)
             return
         self._keep_round(result, bad)
         if self._taken_back:
@@ -277,9 +330,8 @@ class Probation:
 
     def _roll_back(self, why: str) -> None:
         """The version of before, by one command."""
-        hand = self._in_hand
-        before = hand.folder.read(hand.version.before)
+        hand, before = self._in_hand, self._before
         hand.version.reason = why
         hand.enter("rolling")
-        hand.order(CONTROLLER, before.key)
+        hand.order(CONTROLLER, before.keys[0])
         hand.folder.acts(before.number)

@@ -9,21 +9,41 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hoopd.design.comparison import BALL
+
 # A cost of so much more than what was promised is no promise kept; of more than the law of before would have: worse.
 KEPT, WORSE = 1.2, 1.05
 # After a version was accepted: so many rounds are weighed, and so many bad ones in a row give it up.
 SETTLING_ROUNDS, BAD_ROUNDS = 4, 2
 
 
-def verdict(costs: Mapping[str, Any], promise: Mapping[str, Any]) -> str:
+def verdict(costs: Mapping[str, Any], promise: Mapping[str, Any], by: str = BALL) -> str:
     """Why a loop is worse than it was promised to be; empty when it keeps the promise.
 
-    `costs`: `measured` beside what simulation says of the new law (`new`) and of the one of before (`before`) for the
-    same references; `promise`: the same of the minutes in which the law of before acted. What the device costs more
-    than the model says in either is not the new law's fault.
+    What the device costs more than the model says before the trial is not the new law's fault. It is no share of a
+    cost, but noise and what the model does not know, whatever the references are: errors add in squares.
+
+        promised^2 = new^2 + max(0, measured_0^2 - before_0^2)
+
+    Parameters
+    ----------
+    costs : mapping
+        `measured` beside what simulation says of the new law (`new`) and of the one of before (`before`) for the same
+        references: rad rms, or the cost of the design.
+    promise : mapping
+        The same of the minutes in which the law of before acted (`measured_0`, `before_0`); empty: nothing is added.
+    by : str
+        Which of the two, one of `design.comparison.MEASURES`; a cost is a square already.
+
+    Returns
+    -------
+    str
+        One line, or nothing.
     """
-    scale = max(1.0, promise["measured"] / promise["before"]) if promise.get("before") else 1.0
-    measured, new, before = costs["measured"], costs["new"] * scale, costs["before"] * scale
+    power = 2.0 if by == BALL else 1.0
+    surplus = max(0.0, promise.get("measured", 0.0) ** power - promise.get("before", 0.0) ** power)
+    new, before = ((costs[name] ** power + surplus) ** (1.0 / power) for name in ("new", "before"))
+    measured = costs["measured"]
     if measured > KEPT * new and measured > WORSE * before:
         return f"it costs {measured:.3g}, {new:.3g} were promised, and the law of before would cost {before:.3g}"
     return ""

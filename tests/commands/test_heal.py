@@ -15,10 +15,14 @@ from inprocess import call
 from hoopd import lab
 from hoopd.commands import heal_watch, operator
 from hoopd.dashboard import turns
+from hoopd.dashboard.work.controllers import Controllers
+from hoopd.files.controller_folder import key_of
 from hoopd.files.folder_lock import alone_in
 from hoopd.files.heal_versions import VersionFolder
-from hoopd.heal import healing, resumption
+from hoopd.files.reading import InputError
+from hoopd.heal import healing, resumption, version_copies
 from hoopd.heal.plan import HealPlan
+from hoopd.heal.version_copies import lay_copies
 
 
 def kept(folder: Path) -> VersionFolder:
@@ -81,6 +85,90 @@ def test_any_version_that_acted_is_restored_by_one_command(tmp_path: Path, monke
     (versions.of(0) / "model.yaml").write_text("another")
     code, _, errors = call(["heal", "restore", "0", "--out", str(versions.folder)])
     assert code == 2 and "was changed after it was proposed" in errors and len(asked) == 1
+
+
+LAW, MODEL = (
+    "schema: hoopd.controller/1\nmodel: models/hoop.yaml  # ours\nkind: lqg\n",
+    "schema: hoopd.model/1\nIh: 1\n",
+)
+
+
+def controllers_with(folder: Path, law: str = LAW, model: str = MODEL) -> Controllers:
+    """A daemon's folder of controllers."""
+    (folder / "models").mkdir(parents=True, exist_ok=True)
+    (folder / "lqg.yaml").write_text(law)
+    (folder / "models" / "hoop.yaml").write_text(model)
+    return Controllers(folder)
+
+
+def found(folder: Path, controllers: Controllers) -> VersionFolder:
+    """A loop as it was found, with a copy of its own in the daemon's folder."""
+    versions = VersionFolder(folder)
+    versions.begin("hoop")
+    versions.takes_controllers_from(controllers.folder)
+    versions.first(key_of(controllers.folder / "lqg.yaml"), LAW, MODEL, 0.0, "ann")
+    lay_copies(versions, controllers.lay_in_with, print)
+    return versions
+
+
+def test_what_was_found_comes_back_with_its_model_whatever_became_of_a_person_s_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controllers = controllers_with(tmp_path / "controllers")
+    versions, asked = found(tmp_path / "healed", controllers), list[dict[str, str]]()
+
+    def ask(request: dict[str, str], *_: object) -> dict[str, str]:
+        asked.append(request)
+        return {"mode": "READY"}
+
+    monkeypatch.setattr(operator, "ask", ask)
+    controllers_with(controllers.folder, LAW + "k: 1\n", MODEL + "bb: 2\n")  # designed and fitted anew
+    assert told(["restore", "0"], versions.folder)["says"] == "version 0 acts"
+    name = versions.copy_name(0)
+    assert asked[0]["key"] == key_of(controllers.folder / f"{name}.yaml") == versions.read(0).copy
+    assert (controllers.folder / f"{name}.yaml").read_text() == LAW.replace("models/hoop.yaml", f"{name}-model.yaml")
+    assert (controllers.folder / f"{name}-model.yaml").read_text() == MODEL
+    (controllers.folder / f"{name}.yaml").unlink()  # somebody cleared up: it is laid in anew
+    told(["restore", "0"], versions.folder)
+    assert asked[1] == asked[0] and (controllers.folder / f"{name}.yaml").exists()
+    (controllers.folder / f"{name}-model.yaml").write_text("another")
+    code, _, errors = call(["heal", "restore", "0", "--out", str(versions.folder)])
+    assert code == 2 and "another file of that name is in the daemon's folder already" in errors
+    assert len(asked) == 2 and (controllers.folder / "lqg.yaml").read_text() == LAW + "k: 1\n"
+
+
+def test_a_controller_whose_model_was_fitted_anew_is_another_version(tmp_path: Path) -> None:
+    controllers = controllers_with(tmp_path / "controllers")
+    versions = found(tmp_path / "healed", controllers)
+    key, copy = versions.read(0).key, versions.read(0).copy
+    same, fitted = resumption.LoopFiles(LAW, MODEL), resumption.LoopFiles(LAW, MODEL + "bb: 2\n")
+    assert resumption.note_what_acts(versions, key, 5.0, "ann", lambda: same) is None
+    assert resumption.note_what_acts(versions, copy, 5.0, "ann", lambda: same) is None
+    noted = resumption.note_what_acts(versions, key, 6.0, "ann", lambda: fitted)
+    assert noted is not None and noted.number == versions.loop().acting == 1
+    assert (versions.of(1) / "model.yaml").read_text() == fitted.model
+    lay_copies(versions, controllers.lay_in_with, print)
+    assert versions.read(1).copy not in ("", copy)  # beside the other one: the same law with another model
+    assert resumption.note_what_acts(versions, key, 7.0, "ann", lambda: same) is None and versions.loop().acting == 0
+
+
+def test_a_controller_that_is_no_longer_there_is_known_by_its_key(tmp_path: Path) -> None:
+    versions = found(tmp_path / "healed", controllers_with(tmp_path / "controllers"))
+
+    def gone() -> resumption.LoopFiles:
+        raise InputError("lqg.yaml", "", "its hash is another")
+
+    assert resumption.note_what_acts(versions, versions.read(0).key, 5.0, "ann", gone) is None
+    with pytest.raises(InputError, match="its hash is another"):
+        resumption.note_what_acts(versions, "mine.yaml@" + "f" * 64, 5.0, "ann", gone)
+
+
+def test_a_version_of_which_no_copy_can_be_laid_is_told_and_keeps_its_key(tmp_path: Path) -> None:
+    controllers, said = controllers_with(tmp_path / "controllers"), list[str]()
+    versions = kept(tmp_path / "healed")  # whose controller is no controller
+    lay_copies(versions, controllers.lay_in_with, said.append)
+    assert len(said) == 1 and "model: expected on a line of its own" in said[0]
+    assert versions.read(0).keys == ("lqg.yaml@" + "0" * 64,)
 
 
 @pytest.mark.parametrize(
@@ -164,10 +252,11 @@ def test_what_is_computed_has_ended_before_another_run_of_the_daemon_is_followed
     monkeypatch.setattr(turns, "ComparisonSupervisor", lambda *_: SimpleNamespace(start=int, alive=False, error=None))
     monkeypatch.setattr(healing, "Healing", lambda *_: SimpleNamespace(why="the daemon was started again"))
     monkeypatch.setattr(resumption, "note_what_acts", lambda *_: None)
+    monkeypatch.setattr(version_copies, "lay_copies", lambda *_: None)
     device = SimpleNamespace(identity="hoop@here", run="one", status={})
     followed: Any = SimpleNamespace(
         _folder=kept(tmp_path / "healed"), _device=device, _files=None, _wanted=wanted, _worker=lambda plan: None,
-        _work=computes, _send=None, _attend=None,
+        _work=computes, _send=None, _attend=None, _controllers=SimpleNamespace(lay_in_with=None),
     )  # fmt: skip
     heal_watch._FollowedDaemon.follow(followed, HealPlan(), None)
     assert ended == ["diagnosis"]

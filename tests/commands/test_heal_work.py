@@ -13,6 +13,7 @@ from harness.told_diagnosis import said
 from hoopd.commands import heal_work
 from hoopd.commands.heal_work import HealWorker
 from hoopd.core.modes import Mode
+from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import VersionFolder
 from hoopd.files.memory import Memory, RememberedDiagnosis, add_to_memory, load_memory, save_memory
 from hoopd.files.model import EffectEntry, Parameter, model_text
@@ -39,15 +40,19 @@ def begun(folder: Path) -> VersionFolder:
     return versions
 
 
-def diagnosed(folder: Path, *found: EffectEntry) -> dict[str, Any]:
-    """What becomes of a diagnosis that has ended with these laws; the seconds of it are not looked at again."""
+def diagnosed(folder: Path, *found: EffectEntry, **numbers: float) -> dict[str, Any]:
+    """What becomes of a diagnosis that has ended with these laws, and with these numbers of the model where they are
+    told; the seconds of it are not looked at again."""
     versions = begun(folder)
     place = versions.of(versions.add(60.0, to_s=40.0).number)
     (place / "evidence.mcap").touch()
     (friction,) = said(0.9).effects
     told = [msgspec.structs.replace(friction, name=one.name) for one in found]
     (place / "diagnosis.json").write_bytes(msgspec.json.encode(said(0.9, effects=told)))
-    (place / "found.yaml").write_text(model_text(msgspec.structs.replace(load_model(MODEL), effects=list(found))))
+    model = load_model(MODEL)
+    values = {name: msgspec.structs.replace(model.parameters[name], value=one) for name, one in numbers.items()}
+    model = msgspec.structs.replace(model, effects=list(found), parameters={**model.parameters, **values})
+    (place / "found.yaml").write_text(model_text(model))
     worker = HealWorker(folder=versions, recording=Path, lay_in=lambda *_: "", by="ball")
     return worker.work(HealWork("diagnose", 1, 0.0, 40.0))
 
@@ -62,6 +67,15 @@ def test_a_law_that_filter_and_feed_forward_have_no_use_for_is_left_with_its_rea
 def test_where_one_law_is_of_use_a_controller_is_designed(tmp_path: Path) -> None:
     both = diagnosed(tmp_path / "both", CABLE, FRICTION)
     assert both["learn"] is True and (tmp_path / "both" / "0001" / "controller.yaml").exists()
+
+
+def test_a_policy_sees_what_the_written_model_changes_and_the_data_do_not_exclude(tmp_path: Path) -> None:
+    bb = load_model(MODEL).parameters["bb"].value
+    result = diagnosed(tmp_path / "healed", FRICTION, bb=1.6 * bb)
+    assert result["parameters"]["bb"] == pytest.approx(0.6) and result["values"]["bb"] == 1.6 * bb
+    policy = HealPolicy(schema="hoopd.policy/1", effects=["hoop.*"])
+    told = [result[name] for name in ("effects", "probabilities", "parameters", "values")]
+    assert policy.objection(*told).startswith("bb changed by +60%")
 
 
 @pytest.mark.parametrize(("share", "sees", "is_weighed"), [(1.0, True, True), (0.5, True, False), (1.0, False, False)])

@@ -38,3 +38,16 @@ def test_a_limit_may_be_of_a_parameter_of_the_plant(tmp_path: Path) -> None:
     path = tmp_path / "policy.yaml"
     path.write_text("schema: hoopd.policy/1\nlargest: {bh: 0.002}\n")
     assert load_policy(path).largest == {"bh": 0.002}
+
+
+def test_a_largest_size_is_kept_by_small_changes_too() -> None:
+    assert "largest is 0.02" in POLICY.objection({}, {}, {}, {FRICTION: 0.0201})
+
+
+def test_a_clock_that_was_set_back_is_told_and_counts_once() -> None:
+    assert POLICY.too_often([1000.0, 6000.0], 1000.0) == (
+        "the last version was accepted at a time to come: the clock was set back by 5000 s or more"
+    )
+    # a person has accepted one since then: dates of another year limit no day
+    assert POLICY.too_often([1e9] * 10 + [0.0], 1000.0) == ""
+    assert POLICY.too_often([], 0.0) == ""

@@ -41,9 +41,11 @@ class PlayedDaemon:
     plan: HealPlan = field(default_factory=HealPlan)
     takes: bool = True
     tells: bool = True
+    t: float = 0.0
 
     def __post_init__(self) -> None:
-        self.t, self.running, self.acting = 0.0, True, ""
+        self.running = True
+        self.acting: str | None = None  # of its statuses
         self.faults = self._faults_before = tuple[str, ...]()
         self.orders: list[tuple[float, WantedCommand]] = []
         self.works: list[HealWork] = []
@@ -65,6 +67,7 @@ class PlayedDaemon:
         while self.t < end and not until():
             self.t = round(self.t + PERIOD_S, 6)
             self.healing.see(self.faults, self.acting)
+            self._read_decision()
             nan = float("nan")
             for order in self.healing.put(TickSample(self.t, self.running, 0.0, 0.0, nan, nan, 0.0)):
                 self._obey(order)
@@ -74,6 +77,13 @@ class PlayedDaemon:
             if self._due is not None and self.t >= self._due[0]:
                 done, self._due = self._due[1], None
                 self.healing.done(done, self.answers[done.name])
+
+    def _read_decision(self) -> None:
+        """A person's word that lies in the folder, as the process looks for it."""
+        version = self.healing.version
+        decision = None if version is None else self.versions.decision(version.number)
+        if decision is not None:
+            self.healing.decide(decision.accept, decision.who)
 
     def _obey(self, order: WantedCommand) -> None:
         self.orders.append((self.t, order))

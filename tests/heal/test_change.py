@@ -9,7 +9,10 @@ import pytest
 from harness.told_diagnosis import said
 
 from hoopd.diagnose.record import Base, Diagnosis, EffectFinding, Evidence, Quantity
-from hoopd.heal.change import NOTHING, PARAMETERS, PHYSICS, SENSOR, UNKNOWN, judged
+from hoopd.files.model import EffectEntry, Parameter
+from hoopd.files.shipped import defaults_folder
+from hoopd.heal.change import NOTHING, PARAMETERS, PHYSICS, SENSOR, UNKNOWN, judged, written_changes
+from hoopd.plants.model_file import load_model
 
 COUNTED = Evidence(log_likelihood_gain=90.0, threshold=10.0, heldout_gain_percent=None)
 TINY = Evidence(log_likelihood_gain=47.0, threshold=10.0, heldout_gain_percent=0.0007)
@@ -130,3 +133,17 @@ def test_a_sensor_that_breaks_is_not_learned_where_the_model_has_its_effect(
     changed = Quantity(value=now, unit=unit, ci95=(0.99 * now, 1.01 * now), nominal=before)
     base = Base(model="hoop", parameters={name: changed})
     assert judged(said(base=base, verdict="parameters"), {}, 40.0).kind == kind
+
+
+def test_a_model_tells_every_number_that_it_changes_whatever_its_interval() -> None:
+    shipped = load_model(defaults_folder() / "models" / "hoop.yaml")
+    friction = EffectEntry(name="hoop.coulomb_friction", parameters={"Fc": Parameter(value=0.01, unit="N m")})
+    before = msgspec.structs.replace(shipped, effects=[friction])
+    bh, ih = shipped.parameters["bh"], shipped.parameters["Ih"]
+    grown = {"bh": 1.6 * bh.value, "Ih": 1.01 * ih.value}
+    moved = {name: msgspec.structs.replace(shipped.parameters[name], value=one) for name, one in grown.items()}
+    after = msgspec.structs.replace(shipped, parameters={**shipped.parameters, **moved})
+    told = written_changes(before, after)
+    assert told.shares == {"bh": pytest.approx(0.6), "hoop.coulomb_friction.Fc": -1.0}
+    assert told.values == {**grown, "hoop.coulomb_friction.Fc": 0.0}
+    assert written_changes(before, before) == written_changes(shipped, before)

@@ -163,6 +163,18 @@ def test_it_rolls_back_by_itself_when_the_change_goes_away_again(tmp_path: Path)
     assert daemon.state() == "rolled_back" and daemon.versions.loop().acting == 0
 
 
+def test_it_rolls_back_to_the_copy_that_nobody_else_writes_to(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    found = daemon.versions.read(0)
+    found.copy = "heal-0-12345678.yaml@999999999999"
+    daemon.versions.keep(found, 0.0)
+    daemon.drift()
+    daemon.run(300.0, lambda: daemon.state() == "accepted")
+    daemon.answers["weigh"] = BAD
+    daemon.run(200.0, lambda: daemon.state() == "rolled_back")
+    assert daemon.orders[-1][1].key == found.copy and daemon.state() == "rolled_back"
+
+
 def test_killed_in_a_trial_it_goes_on_with_what_is_proposed_and_loses_nothing(tmp_path: Path) -> None:
     daemon = PlayedDaemon(tmp_path / "healed", policy=None)
     daemon.drift()
@@ -238,7 +250,7 @@ def test_killed_in_a_trial_by_the_policy_it_is_tried_again(tmp_path: Path) -> No
     daemon = PlayedDaemon(tmp_path / "healed")
     daemon.drift()
     daemon.run(200.0, lambda: daemon.healing.phase == "trying")
-    again = PlayedDaemon(tmp_path / "healed")
+    again = PlayedDaemon(tmp_path / "healed", t=daemon.t)
     again.run(100.0, lambda: again.state() == "accepted")
     assert again.names == ["trial", "accept"] and again.versions.loop().acting == 1
 
@@ -281,3 +293,13 @@ def test_a_promise_is_broken_by_more_than_a_fifth_and_more_than_before() -> None
     assert "were promised" in verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise)
     # what the device costs more than its model in either is not the new law's fault
     assert verdict({"measured": 1.1, "before": 1.0, "new": 0.8}, promise | {"measured": 1.5}) == ""
+
+
+def test_noise_in_quiet_minutes_lets_no_bad_law_pass() -> None:
+    """Pictures of 4.8 mrad, minutes that hardly move, a model without any noise: added in squares, not as a ratio."""
+    quiet = {"measured": 0.0052, "before": 0.0021, "new": 0.0018}
+    assert "0.0363 were promised" in verdict({"measured": 0.095, "before": 0.042, "new": 0.036}, quiet)
+    assert verdict({"measured": 0.006, "before": 0.0021, "new": 0.0018}, quiet) == ""
+    cost = {"measured": 3.0, "before": 1.0, "new": 1.0}
+    assert verdict({"measured": 3.5, "before": 2.0, "new": 1.0}, cost, "cost") == ""
+    assert "3 were promised" in verdict({"measured": 4.3, "before": 2.0, "new": 1.0}, cost, "cost")

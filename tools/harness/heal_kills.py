@@ -23,7 +23,8 @@ from hoopd.core.shadow import SHADOW_S
 from hoopd.core.succession import CONTROLLER
 from hoopd.core.trial import SILENCE_S
 from hoopd.daemon.replay import replay
-from hoopd.files.heal_versions import HealVersion, VersionFolder
+from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
+from hoopd.files.loaded_controller import parse_loaded
 from hoopd.heal.plan import HealWork
 from hoopd.heal.resumption import LoopFiles, note_what_acts
 
@@ -107,12 +108,15 @@ class KilledGuest(HealingGuest):
     def _begin_again(self, t: float) -> None:
         assert self._left is not None
         self.wrong += [f"{t:.1f} s: {one}" for one in lost(self._left, self._made.versions)]
-        note_what_acts(self._made.versions, self._accepted_key(), t, WHO, self._no_files)
+        noted = note_what_acts(self._made.versions, self._accepted_key(), t, WHO, self._loaded)
+        if noted is not None and noted.kind == FOUND:
+            self.wrong.append("the daemon has a controller that nobody knows")
         self.healing, self._dead = self._made.healing(), None
 
-    def _no_files(self) -> LoopFiles:
-        self.wrong.append("the daemon has a controller that nobody knows")
-        return LoopFiles("", "")
+    def _loaded(self) -> LoopFiles:
+        """Of the controller that the daemon has."""
+        loaded = parse_loaded(self._made.loader.load(self._accepted_key(), WHO))
+        return LoopFiles(loaded.file, loaded.model)
 
     def _accepted_key(self) -> str:
         """NAME.yaml@SHA256 of what the daemon has accepted; empty while another one acts or follows."""
@@ -125,9 +129,9 @@ class KilledGuest(HealingGuest):
     def _check_law(self, t: float) -> None:
         """Nobody watches: what acts is what was accepted, and that is the version that the folder names."""
         key, versions, phase = self._accepted_key(), self._made.versions, self.killed[-1][1]
-        may = {versions.read(versions.loop().acting).key}
+        may = {*versions.read(versions.loop().acting).keys}
         if phase in UNHEARD:  # the daemon's word about the last order was not heard any more
-            may |= {one.key for one in versions.every() if one.state in ("trying", "accepted")}
+            may |= {key for one in versions.every() if one.state in ("trying", "accepted") for key in one.keys}
         if not any(key and _same(key, told) for told in may):
             self.wrong.append(f"{t:.1f} s: {key or 'what was not accepted'} acts, not one of {sorted(may)}")
 

@@ -31,6 +31,7 @@ from hoopd.files.reading import InputError
 from hoopd.files.shipped import defaults_folder
 from hoopd.heal.healing import Healing
 from hoopd.heal.plan import HealPlan, HealWork
+from hoopd.heal.version_copies import lay_copies
 from hoopd.shell import config as configuration
 from hoopd.shell.config import Config
 
@@ -186,10 +187,12 @@ def prepared(
             key_of(law), law.read_text(), (controllers.folder / "models" / "hoop.yaml").read_text(), 0.0, WHO
         )
 
+    lay_copies(versions, controllers.lay_in_with, told.append)
+
     def recording() -> Path:
         return max(record.glob("run-*.mcap"))
 
-    working = worker(folder=versions, recording=recording, lay_in=controllers.lay_in, by=plan.by, seed=seed)
+    working = worker(folder=versions, recording=recording, lay_in=controllers.lay_in_with, by=plan.by, seed=seed)
     return PreparedHealing(folder, record, options, config, versions, plan, policy, working, RigClock(), told)
 
 

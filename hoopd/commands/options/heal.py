@@ -26,7 +26,7 @@ class HealOptions:
         "--recordings", text="watch: folder into which the daemon records.", metavar="FOLDER", python=False
     )
     controllers: Path | None = option(
-        "--controllers", text="watch: the daemon's folder of controllers.", metavar="FOLDER", python=False
+        "--controllers", text="watch, restore: the daemon's folder of controllers.", metavar="FOLDER", python=False
     )
     policy: Path | None = option(
         "--policy", text="watch: what may be learned without a person (hoopd.policy/1).", metavar="FILE"

@@ -18,7 +18,7 @@ SIGNAL = "signal-"  # what the names of test signals begin with
 # A file that says itself that it is something else, as the models that lie beside their controllers.
 _OTHER = re.compile(rb"(?m)^schema: +hoopd\.(?!controller/)")
 HEAD_BYTES = 4096
-_MODEL = re.compile(r"(?m)^model: +(?P<path>[^#\n]+?) *$")
+_MODEL = re.compile(r"(?m)^model: +(?P<path>[^#\n]+?)(?= *(?:#.*)?$)")
 
 
 class ListedController(NamedTuple):
@@ -75,13 +75,22 @@ class Controllers:
         """
         text = read_text(controller)
         match = _MODEL.search(text)
-        model = Path(match["path"].strip("\"'")) if match else None
-        made = None if model is None else (controller.parent / model).resolve()
-        if match and made is not None and made.is_relative_to(jobs.resolve()) and made.is_file():
-            beside = f"{name}-model.yaml"
-            self._add(beside, read_text(made))
-            text = f"{text[: match.start()]}model: {beside}{text[match.end() :]}"
+        made = None if match is None else (controller.parent / match["path"].strip("\"'")).resolve()
+        if made is not None and made.is_relative_to(jobs.resolve()) and made.is_file():
+            return self.lay_in_with(name, controller, made)
         return key_of(self._add(f"{name}.yaml", text))
+
+    def lay_in_with(self, name: str, controller: Path, model: Path) -> str:
+        """NAME.yaml@SHA256 of a copy that has this model beside it, as NAME-model.yaml, whatever it names itself.
+
+        InputError when another file of one of these names is there already, or the model is not on a line of its own.
+        """
+        text, beside = read_text(controller), f"{name}-model.yaml"
+        match = _MODEL.search(text)
+        if match is None:
+            raise InputError(controller, "model", "expected on a line of its own, as `model: models/hoop.yaml`")
+        self._add(beside, read_text(model))
+        return key_of(self._add(f"{name}.yaml", f"{text[: match.start()]}model: {beside}{text[match.end() :]}"))
 
     def _add(self, name: str, text: str) -> Path:
         path = self._folder / name

@@ -1,0 +1,111 @@
+"""A person's word about a version acts whatever has become of it meanwhile, and ends with what it was said of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from heal.played_daemon import POLICY, PlayedDaemon
+
+from hoopd.files.heal_policy import HealPolicy
+from hoopd.files.heal_versions import HealDecision
+from hoopd.files.reading import InputError
+
+YES, NO = HealDecision(accept=True, who="ann"), HealDecision(accept=False, who="bob")
+
+
+def proposed(folder: Path, policy: HealPolicy | None = None) -> PlayedDaemon:
+    """A version that waits for a word."""
+    daemon = PlayedDaemon(folder, policy=policy)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.version is not None and bool(daemon.state() in ("proposed", "trying")))
+    return daemon
+
+
+def says(daemon: PlayedDaemon, decision: HealDecision) -> None:
+    """By the command, of which the process learns with its next look."""
+    daemon.versions.decide(1, decision)
+    daemon.run(0.1)
+
+
+def test_a_no_after_a_yes_ends_it_before_the_trial_begins(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed")
+    daemon.running = False
+    says(daemon, YES)
+    assert daemon.healing.phase == "decided"
+    says(daemon, NO)
+    daemon.running = True
+    daemon.run(30.0)
+    assert daemon.state() == "left" and daemon.orders == [] and daemon.versions.read(1).decided_by == "bob"
+
+
+def test_a_no_that_comes_with_the_trial_takes_it_back(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed", POLICY)
+    daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+    with pytest.raises(InputError, match="1: is trying, not proposed"):
+        daemon.versions.decide(1, YES)
+    says(daemon, NO)
+    daemon.run(100.0)
+    assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
+    assert daemon.versions.read(1).reason == "left by bob" and daemon.versions.loop().acting == 0
+
+
+def test_a_no_while_the_daemon_makes_the_trial_ready_takes_it_back_when_it_acts(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed", POLICY)
+    daemon.tells = False
+    daemon.run(20.0, lambda: daemon.healing.phase == "asked")
+    says(daemon, NO)
+    assert daemon.healing.phase == "asked"
+    daemon.healing.note("controller", {"command": "trial", "sha256": "abc123abc123"})
+    daemon.run(1.0)
+    assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
+
+
+def test_a_no_that_the_daemon_s_acceptance_overtakes_brings_the_version_of_before_back(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed", POLICY)
+    daemon.run(200.0, lambda: daemon.healing.phase == "weighing")
+    daemon.versions.decide(1, NO)
+    daemon.healing.done(daemon.works[-1], daemon.answers["weigh"])  # in the same look, before the word is read
+    daemon.run(10.0)
+    assert daemon.names == ["trial", "accept", "controller"] and daemon.state() == "rolled_back"
+    assert daemon.versions.read(1).reason == "left by bob"
+
+
+def test_a_no_while_one_that_the_daemon_took_back_is_weighed_ends_it(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed", POLICY)
+    daemon.run(200.0, lambda: daemon.healing.phase == "trying")
+    daemon.run(20.0)
+    daemon.healing.note("trial_returned", {"reason": "cost 0.1 rad^2"})
+    says(daemon, NO)
+    daemon.run(30.0)
+    assert daemon.names == ["trial"] and daemon.state() == "went_back"
+    assert daemon.versions.read(1).reason == "cost 0.1 rad^2; left by bob"
+
+
+def test_a_yes_is_of_one_trial_broken_off_a_person_is_asked_again(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed")
+    says(daemon, YES)
+    daemon.run(20.0, lambda: daemon.healing.phase == "trying")
+    daemon.healing.stop("interrupted")
+    daemon.run(0.1)
+    assert daemon.state() == "proposed" and daemon.versions.waiting() == [1]
+    assert daemon.versions.decision(1) is None and (daemon.versions.of(1) / "decision_1.json").exists()
+    daemon.t += 3 * 86400.0
+    daemon.orders.clear()
+    daemon.begin("two")
+    daemon.run(20.0)
+    assert daemon.orders == [] and daemon.state() == "proposed"
+    says(daemon, YES)
+    daemon.run(100.0, lambda: daemon.state() == "accepted")
+    assert daemon.state() == "accepted"
+
+
+def test_a_proof_of_a_time_to_come_is_none_for_a_policy(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed")
+    version = daemon.versions.read(1)
+    version.evidence["proven_at"] = daemon.t + 5000.0
+    daemon.versions.keep(version, daemon.t)
+    daemon.policy = POLICY
+    daemon.begin()
+    assert daemon.state() == "left"
+    assert daemon.versions.read(1).reason.startswith("its proof is of a time to come: the clock was set back by 5000 s")
