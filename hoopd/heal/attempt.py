@@ -12,7 +12,7 @@ from typing import Any
 from hoopd.design.comparison import WantedCommand
 from hoopd.files.heal_versions import HealVersion, State, VersionFolder
 from hoopd.heal.loop_watch import LoopWatch
-from hoopd.heal.plan import HealPlan, HealWork
+from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
 
 
 @dataclass
@@ -64,6 +64,10 @@ class Attempt:
     def compute(self, name: str, from_s: float, to_s: float) -> None:
         """Ask for a computation."""
         self._work, self._is_begun = HealWork(name, self.version.number, from_s, to_s), False
+
+    def remember(self, version: HealVersion) -> None:
+        """Ask that what a version has found is remembered; the second time changes nothing."""
+        self._work, self._is_begun = HealWork(REMEMBER, version.number, version.from_s, version.to_s), False
 
     def take_work(self) -> HealWork | None:
         """What is to be computed, once."""

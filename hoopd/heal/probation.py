@@ -21,7 +21,7 @@ from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND, HealVersion
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.loop_watch import ANOTHER, TUNED
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBER, WEIGH_S
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, WEIGH_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
@@ -55,6 +55,8 @@ class Probation:
         newest = list(hand.folder.every())[-1:]
         for one in newest:
             watched = one.kind == FOUND or one.evidence.get(WATCHED)
+            if one.evidence.get(WATCHED):
+                hand.remember(one)  # the one before may have ended between the two
             if one.state == "accepted" and not watched and one.acts_as == hand.folder.loop().acting:
                 hand.take(one)
                 hand.enter("settling")
@@ -322,7 +324,7 @@ class Probation:
             self._roll_back(bad)
         elif self._rounds.is_settled:
             hand.note(**{WATCHED: True})
-            hand.compute(REMEMBER, hand.version.from_s, hand.version.to_s)
+            hand.remember(hand.version)
             hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
         else:
             hand.keep("accepted")

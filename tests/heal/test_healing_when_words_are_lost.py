@@ -224,3 +224,13 @@ def test_minutes_of_the_law_before_are_not_diagnosed_again_when_another_is_accep
     since = daemon.t
     daemon.run(300.0, lambda: daemon.works[-1].name == "diagnose")
     assert daemon.works[-1].name == "diagnose" and daemon.works[-1].from_s >= since
+
+
+def test_what_was_not_remembered_before_a_kill_is_remembered_by_the_next(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.run(400.0)
+    assert daemon.works[-1].name == "remember" and daemon.versions.read(1).evidence["watched"]
+    again = PlayedDaemon(tmp_path / "healed")
+    again.run(10.0)
+    assert [(work.name, work.number) for work in again.works] == [("remember", 1)]
+    assert again.healing.phase == "watching"
