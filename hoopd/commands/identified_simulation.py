@@ -135,6 +135,5 @@ def _draw(model: Innovations, each: Sequence[Data], file: IdentifiedFile, figure
     units = file.units if file.columns else HOOP_UNITS
     shown = max(each, key=lambda one: one.n)
     with np.errstate(all="ignore"):
-        said = _lifted(predict(model, shown, math.inf), file)
-    back = {name: -value for name, value in file.operating_point.items()}
-    save_figure(draw_said([without(shown, back)], {file.name: [said]}, "simulated", file.name, units), figure)
+        said = {file.name: [predict(model, shown, math.inf)]}
+    save_figure(draw_said([shown], said, "simulated", file.name, units, file.operating_point), figure)

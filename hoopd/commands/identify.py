@@ -104,7 +104,10 @@ def run(options: IdentifyOptions, *, progress: Progress = lambda text: None) -> 
         progress("drawing")
         shown = max(task.held, key=lambda one: one.n)
         horizon = math.inf if task.columns else AHEAD
-        draw({found.name: found.model, **found.beside}, shown, task.how, options.figure, task.units, horizon)
+        models, units = {found.name: found.model, **found.beside}, task.units
+        if options.detrend:  # each stretch had a mean of its own
+            units = {name: f"{units.get(name, '')} minus its mean".strip() for name in shown.outputs}
+        draw(models, shown, task.how, options.figure, units, horizon, task.offsets)
     return {
         "method": task.options.method,
         **({"structure": found.name} if task.options.method == AUTO else {}),

@@ -19,16 +19,18 @@ ENDINGS = ("", "_residuals", "_bode", "_roots")
 
 
 def draw(
-    models: Mapping[str, Any], shown: Data, how: str, figure: Path, units: Mapping[str, str], horizon: float
-) -> list[str]:
+    models: Mapping[str, Any], shown: Data, how: str, figure: Path, units: Mapping[str, str], horizon: float,
+    offsets: Mapping[str, float],
+) -> list[str]:  # fmt: skip
     """The first model is the one that was asked for or chosen, the others stand beside it; names of what was written.
 
-    What is measured and said goes into the file that was asked for; residuals, responses and roots beside it.
+    `offsets`: the operating point that `shown` is about. What is measured and said goes into the file that was asked
+    for; residuals, responses and roots beside it.
     """
     name, model = next(iter(models.items()))
     known = ", with 95 % regions" if pole_spread(model) is not None else ""
     drawn = {
-        "": compare_plot(models, shown, horizon, title=f"{name}, {how}", units=units),
+        "": compare_plot(models, shown, horizon, title=f"{name}, {how}", units=units, offsets=offsets),
         "_residuals": resid(model, shown, title=f"Residuals, {name}"),
         "_bode": bode(models, shown, title=f"Responses, {name}{known}"),
         "_roots": pzmap({name: model}, title=f"Poles and zeros, {name}{known}"),

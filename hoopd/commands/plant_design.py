@@ -184,7 +184,7 @@ def _file(linear: LinearizedPlant, law: LinearLaw, step_s: float, name: str) -> 
 
 def _notes(linear: LinearizedPlant, law: LinearLaw) -> list[str]:
     plant = linear.model.plant
-    notes = [f"{effect} is not part of the linear model" for effect in linear.left_out]
+    notes = [*(f"{effect} is not part of the linear model" for effect in linear.left_out), *linear.elsewhere]
     notes.append(
         "the daemon runs the hoop alone: the controller is for a program of your own (docs/guides/your_plant.md)"
     )

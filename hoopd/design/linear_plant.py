@@ -5,8 +5,9 @@ Rules of this file: systems are python-control's `StateSpace` with the plant's n
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import control
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 # Rates below this share of a state's usual size a usual sample time are rest.
 REST = 1e-9
 TOLERANCE = 1e-14
+# What is told with three digits may be off by so much, of itself or of the usual size.
+ROUNDING = 5e-3
 
 
 class EquilibriumNotFoundError(ValueError):
@@ -76,7 +79,7 @@ def equilibrium(
     u = np.array([(inputs or {}).get(one.name, 0.0) for one in plant.inputs])
     start = np.array([(near or {}).get(name, 0.0) for name in plant.states])
     held = u if len(u) > 1 else float(u.sum())
-    size = np.array([plant.scales.get(name, 1.0) for name in plant.states])
+    size = _sizes(plant)
     weight = plant.time_scale_s / size
 
     def rates(z: Array) -> Array:
@@ -92,13 +95,100 @@ def equilibrium(
         found = least_squares(
             rates, start / size, slopes, method="lm", ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE, max_nfev=500
         )
-    if not np.abs(found.fun).max(initial=0.0) < max(REST, REST * float(np.abs(rates(start / size)).max(initial=0.0))):
+    if not _is_rest(found.fun, rates(start / size)):
         held_words = ", ".join(f"{one.name}={value:g}" for one, value in zip(plant.inputs, u, strict=True))
         raise EquilibriumNotFoundError(
             f"{plant.name} stays nowhere near the start{' under ' * bool(held_words)}{held_words}"
         )
     # to the last bits zero is meant, -0.0 is not
     return Equilibrium(np.asarray(found.x * size) + 0.0, u)
+
+
+def _sizes(plant: Plant) -> Array:
+    """Usual sizes of the states (nx,)."""
+    return np.array([plant.scales.get(name, 1.0) for name in plant.states])
+
+
+def _is_rest(rates: Array, at_start: Array) -> bool:
+    """Whether scaled rates are those of rest; NaN are not."""
+    most, first = (float(np.abs(one).max(initial=0.0)) for one in (rates, at_start))
+    return most < max(REST, REST * first)
+
+
+def is_there(plant: Plant, point: Equilibrium, states: Mapping[str, float]) -> bool:
+    """Whether states by name are those of a point, to the rounding of what a person writes down."""
+    at = dict(zip(plant.states, point.x, strict=True))
+    return all(
+        abs(at[name] - asked) <= ROUNDING * max(abs(asked), plant.scales.get(name, 1.0))
+        for name, asked in states.items()
+    )
+
+
+def holding_inputs(
+    plant: Plant,
+    states: Mapping[str, float],
+    free: Sequence[str],
+    inputs: Mapping[str, float] | None = None,
+    effects: Sequence[Effect] = (),
+    values: Mapping[str, float] | None = None,
+) -> dict[str, float] | None:
+    """The inputs that hold a plant in given states.
+
+    Parameters
+    ----------
+    plant : Plant
+    states : mapping of str to float
+        States by name, in their units; those that are not named come to rest where they will.
+    free : sequence of str
+        The inputs that are looked for.
+    inputs : mapping of str to float
+        The others, in their units; zero where none is named.
+    effects, values
+        Effects on the plant, and its parameters with theirs.
+
+    Returns
+    -------
+    dict of str to float, or None
+        The free inputs by name; None where none were found that hold it there.
+
+    Examples
+    --------
+    What must run into two tanks that stand at 20 cm:
+
+    >>> from hoopd.plants.registry import plant_named
+    >>> found = holding_inputs(plant_named("tanks"), {"h1": 0.2, "h2": 0.2}, ["q"])
+    >>> round(found["q"], 8)
+    4.952e-05
+    """
+    numeric, size = NumericPlant(plant, effects, values or plant.values), _sizes(plant)
+    names = [one.name for one in plant.inputs]
+    moved = [k for k, name in enumerate(plant.states) if name not in states]
+    looked_for = [names.index(name) for name in free]
+    usual = np.array([plant.scales.get(name, 1.0) for name in free])
+    weight = plant.time_scale_s / size
+    x0 = np.array([states.get(name, 0.0) for name in plant.states])
+    u0 = np.array([(inputs or {}).get(name, 0.0) for name in names])
+
+    def at(z: Array) -> tuple[Array, Any]:
+        x, u = x0.copy(), u0.copy()
+        x[moved], u[looked_for] = z[: len(moved)] * size[moved], z[len(moved) :] * usual
+        return x, u if len(u) > 1 else float(u.sum())
+
+    def rates(z: Array) -> Array:
+        return np.asarray(numeric.derivative(*at(z)) * weight)
+
+    def slopes(z: Array) -> Array:
+        a, b = numeric.linearize(*at(z))
+        return np.asarray(np.hstack([a[:, moved] * size[moved], b[:, looked_for] * usual]) * weight[:, None])
+
+    # a flow has no slope at an empty tank: the second start is away from zero
+    for start in (np.zeros(len(moved)), np.ones(len(moved))):
+        z = np.append(start, np.zeros(len(free)))
+        with np.errstate(all="ignore"), contextlib.suppress(ValueError, np.linalg.LinAlgError):  # nothing finite there
+            found = least_squares(rates, z, slopes, ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE, max_nfev=500)
+            if _is_rest(found.fun, rates(z)):
+                return dict(zip(free, map(float, found.x[len(moved) :] * usual), strict=True))
+    return None
 
 
 def linear_plant(

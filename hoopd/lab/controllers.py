@@ -156,7 +156,8 @@ def design(
     plant : Plant or str, optional
         A declaration, a registered name or a plant file; the model's unless given.
     at : mapping of str to float, optional
-        Of another plant: inputs that are held, and states near which to look for the equilibrium.
+        Of another plant: inputs that are held, and states near which to look for the equilibrium; one that needs an
+        input that was not named is refused.
     steer : sequence of str, optional
         Of another plant with several inputs: those that the law moves; all of them unless given.
     recording : Recording, optional

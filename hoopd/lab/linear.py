@@ -128,7 +128,8 @@ def linearize(
     plant : Plant or str, optional
         A declaration, a registered name or a plant file; the model's unless given.
     at : mapping of str to float, optional
-        Of another plant: inputs that are held, and states near which to look.
+        Of another plant: inputs that are held, and states near which to look; one that needs an input that was not
+        named is refused.
     top : bool
         The ball at the top.
     sample_time : float, optional

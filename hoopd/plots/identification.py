@@ -64,24 +64,25 @@ class Roots:
 
 def draw_said(
     each: Sequence[Data], said: Mapping[str, Sequence[Array]], how: str, title: str = "",
-    units: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None, offsets: Mapping[str, float] | None = None,
 ) -> Figure:  # fmt: skip
     """Each output of each experiment with what models say of it (n, ny) by name, the fit there in the legend.
 
-    `how`: "simulated" or the like.
+    `how`: "simulated" or the like; `offsets`: the operating point by output that data and models are about, added.
     """
     names, part = each[0].outputs, slice(0, MOST_SAMPLES)
     rows = [(k, i) for k in range(len(each)) for i in range(len(names))]
     made = style.figure(WIDTH_IN, 1.0 + 2.2 * len(rows), rows=len(rows), columns=1, title=title, sharex=len(each) == 1)
     for axes, (k, i) in zip(made.axes, rows, strict=True):
         data, name = each[k], names[i]
-        axes.plot(data.t[part], data.y[part, i], color=MEASURED, linewidth=3.0, label="measured")
+        offset = (offsets or {}).get(name, 0.0)
+        axes.plot(data.t[part], data.y[part, i] + offset, color=MEASURED, linewidth=3.0, label="measured")
         for own, one in said.items():
             with np.errstate(all="ignore"):
                 percent = fit_percent(data.y[:, i], one[k][:, i])[0]
             told = f"{percent:.1f} %" if np.isfinite(percent) else "diverges"
-            axes.plot(data.t[part], one[k][part, i], linewidth=1.1, label=f"{own}, {how}: {told}")
-        _show_measured(axes, data.y[part, i])
+            axes.plot(data.t[part], one[k][part, i] + offset, linewidth=1.1, label=f"{own}, {how}: {told}")
+        _show_measured(axes, data.y[part, i] + offset)
         called = name if len(each) == 1 else f"{name}, experiment {k + 1}"
         unit = (units or {}).get(name)
         last = (k, i) == rows[-1] or (len(each) > 1 and i == len(names) - 1)

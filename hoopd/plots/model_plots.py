@@ -73,7 +73,13 @@ def plot(data: Data | Sequence[Data] | Mapping[str, Data], *, title: str = "", u
 
 
 def compare_plot(
-    models: Models, data: Data | Sequence[Data], horizon: float = np.inf, *, title: str = "", units: Units = None
+    models: Models,
+    data: Data | Sequence[Data],
+    horizon: float = np.inf,
+    *,
+    title: str = "",
+    units: Units = None,
+    offsets: Mapping[str, float] | None = None,
 ) -> Figure:
     """Draw what models say of data beside what was measured, with their fit in percent.
 
@@ -89,6 +95,8 @@ def compare_plot(
         Stands above.
     units : mapping of str to str, optional
         Units by channel.
+    offsets : mapping of str to float, optional
+        The operating point by output that data and models are about, added to what is drawn.
 
     Returns
     -------
@@ -110,7 +118,7 @@ def compare_plot(
     with np.errstate(over="ignore", invalid="ignore"):
         said = {name: [predict(model, one, horizon) for one in shown] for name, model in named_models(models).items()}
     how = "simulated" if horizon == np.inf else f"{horizon:g} ahead"
-    return draw_said(shown, said, how, title, units)
+    return draw_said(shown, said, how, title, units, offsets)
 
 
 def resid(model: Any, data: Data | Sequence[Data], lags: int = 25, *, title: str = "Residuals") -> Figure:

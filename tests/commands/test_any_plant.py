@@ -185,6 +185,61 @@ def test_a_pendulum_without_a_drive_has_poles_and_no_margins() -> None:
     assert "alpha is not moved by nothing" not in found["notes"] and "torque" not in " ".join(found["notes"])
 
 
+HEATER = """
+schema: hoopd.plant/1
+name: heater
+states: {T: {unit: degC, usual: 50}}
+inputs: {duty: {unit: "%", limit: 100}, sun: W}
+parameters: {C: 100 J/K, h: 0.8 W/K, P: 0.8 W/%, Ta: 22.5 degC}
+equations:
+  T: C*T' = P*duty + sun - h*(T - Ta)
+sample_time_s: 4
+"""
+VESSEL = """
+schema: hoopd.plant/1
+name: vessel
+states: {h: {unit: m, usual: 0.2}}
+inputs: {q: m3/s}
+parameters: {A: 0.015 m2, a: 2.5e-5 m2, g: 9.81 m/s2}
+equations:
+  h: A*h' = q - a*sqrt(2*g*h)
+sample_time_s: 1
+"""
+
+
+@pytest.mark.parametrize(
+    ("plant", "at", "said"),
+    [
+        ("heater.yaml", "T=60", "with duty=0, sun=0, not named here, heater stays at T=22.5, not at T=60; duty=37.5 "),
+        ("heater.yaml", "T=60,sun=10", "with duty=0, not named here, .* not at T=60; duty=25 would hold it: name it"),
+        ("heater.yaml", "T=300,sun=0", ".*duty=277.5 would hold it, which is beyond its limit of 100 %"),
+        ("tanks", "h1=0.2,h2=0.2", "with q=0, not named here, .*; q=4.952"),
+        ("tanks", "h1=0.2,h2=0.1", "with q=0, not named here, .*; no q holds it there"),
+        ("vessel.yaml", "q=0,h=0.2", "vessel has no finite derivatives"),
+    ],
+)
+def test_a_point_that_nothing_holds_is_refused_and_what_would_hold_it_is_told(
+    plant: str, at: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law about 60 degrees was one about 22.5; levels that no pump holds were empty tanks."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("heater", HEATER), ("vessel", VESSEL)):
+        (tmp_path / f"{name}.yaml").write_text(text)
+    with pytest.raises(InputError, match=f"--at: {said}"):
+        linearize.run(LinearizeOptions(plant=plant, at=at))
+    with pytest.raises(InputError, match=f"--at: {said}"):
+        design.run(DesignOptions(law="lqg", plant=plant, at=at, out=tmp_path / "law.yaml"))
+    assert not (tmp_path / "law.yaml").exists()
+
+
+def test_a_state_beside_named_inputs_says_where_to_look_and_where_it_stays_is_told() -> None:
+    found = linearize.run(LinearizeOptions(plant="tanks", at="q=5e-5,h1=0.1,h2=0.2039"))
+    assert "h1 stays at 0.2039 with these inputs; the 0.1 of --at said where to look" in found["notes"]
+    assert not any(note.startswith("h2 stays") for note in found["notes"])
+    law = design.run(DesignOptions(law="lqg", plant="tanks", at="q=5e-5,h1=0.1,h2=0.2"))
+    assert any(note.startswith("h1 stays at 0.2039") for note in law["notes"])
+
+
 def test_what_never_rests_has_no_operating_point() -> None:
     with pytest.raises(InputError, match="--at: falling stays nowhere"):
         linearize.run(LinearizeOptions(plant="falling"))

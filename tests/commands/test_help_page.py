@@ -23,6 +23,12 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused() -> None:
     """The first value would be forgotten: an input that drives the plant."""
     twice = CliRunner().invoke(app, ["identify", "a.csv", "--input", "u", "--output", "y", "--inputs", "d"])
     assert isinstance(twice.exception, InputError) and "--inputs: is given 2 times" in str(twice.exception)
+    for words, said in (
+        (("identify", "a.csv", "--output", "A", "--output=B"), "--output: is given 2 times: all values stand in one"),
+        (("linearize", "--plant", "axis", "--at", "F=0", "--at", "x=0"), "--at: is given 2 times: all values stand in"),
+        (("linearize", "--plant", "axis", "--psi", "1", "--psi", "2"), "--psi: is given 2 times, and has one value"),
+    ):
+        assert said in str(CliRunner().invoke(app, [*words]).exception)
     asked = ["identify", "a.csv", "--input", "u", "--inputs", "d", "--help"]
     assert CliRunner().invoke(app, asked).exit_code == 0  # a page of help is shown first
     several = ["fit", "no.csv", "--holdout", "a.csv", "--holdout", "b.csv", "--json", "x.json"]

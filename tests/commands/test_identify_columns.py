@@ -110,6 +110,17 @@ def test_the_best_structure_is_found_told_drawn_simulated_and_designed_with(
     assert worst["largest_sensitivity"] > designed["largest_sensitivity"]
 
 
+def test_the_figure_shows_what_was_measured_with_its_mean(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A temperature of 23 to 105 degrees was one of -30 to 34."""
+    monkeypatch.chdir(folder)
+    drawn = []
+    monkeypatch.setattr("hoopd.plots.style.save", lambda figure, path: drawn.append(figure))
+    told(folder, "run.csv", "--input", "Valve", "--output", "Level", *QUICK, "--figure", "mean.png")
+    measured, said = (line.get_ydata() for line in drawn[0].axes[0].get_lines())
+    level = table()[:, 2]
+    assert measured == pytest.approx(level[-len(measured) :]) and np.mean(said) == pytest.approx(2.0, abs=0.2)
+
+
 def test_what_the_data_leave_open_is_in_the_file_and_a_law_that_loses_some_of_it_is_told(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -152,6 +152,19 @@ def test_a_law_of_two_variables_is_no_line_over_one_of_them() -> None:
     assert law is not None and not law.is_curve and len(law.x) > 1000
 
 
+def test_a_push_is_drawn_where_somebody_pushed() -> None:
+    """Of two recordings the longer one was drawn, in which nobody did."""
+    push = LIBRARY["external.disturbance"]
+    own = {f"{push.name}.t0": 1.0, f"{push.name}.t1": 1.5, f"{push.name}.A": 0.01}
+    each = [stretch_with(PLANT, "long", 3, 6.0), stretch_with(PLANT, "pushed", 4, 4.0, [push], own)]
+    noise = {one.recording: NOISE for one in each}
+    base = fit(each, (), {**PLANT.values}, noise=noise, tune_noise=False)
+    at = {push.key("A"): 0.01, push.key("t0@pushed"): 1.0, push.key("t1@pushed"): 1.5}
+    final = fit(each, (push,), {**base.values, **at}, noise=noise, like=base, tune_noise=False)
+    (force,) = shown_of(Named(base, base, final, without={push.name: base}), {}, None, {}).forces
+    assert force.recording == "pushed"
+
+
 def test_what_is_late_follows_the_rate_that_it_is_drawn_against() -> None:
     plant = shipped_plant()
     assert follows(LIBRARY["camera.latency"], plant, "psi") == (rate_name(plant, "psi"),) == ("dpsi",)

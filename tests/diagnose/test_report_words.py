@@ -123,6 +123,48 @@ def test_what_is_less_sure_stands_behind_what_is_sure_and_says_why() -> None:
 
 
 @pytest.mark.parametrize(
+    ("probability", "said"),
+    [
+        (0.11, "something at the hoop whose law is open (hoop.imbalance: 47 % likely; hoop.coulomb_friction: 11 % lik"),
+        (0.3, "hoop.coulomb_friction (Fc = 5.10 mN m; 30 % likely; hoop.imbalance: 47 % likely)"),
+        (0.48, "hoop.coulomb_friction (Fc = 5.10 mN m; 48 % likely)"),
+    ],
+)
+def test_what_is_likelier_than_a_finding_in_its_place_stands_in_the_first_line(probability: float, said: str) -> None:
+    """The page named a law with 11 % where another one had 47 %, in a note below a table."""
+    diagnosis, _ = coulomb()
+    shares = {"hoop.imbalance": 0.47, "camera.latency": 0.9, "none of these": 0.5, "hoop.coulomb_friction": probability}
+    tried = [Candidate(name=name, log_likelihood_gain=None, probability=share) for name, share in shares.items()]
+    first = msgspec.structs.replace(diagnosis.effects[0], status="confirmed", not_excluded=[], probability=probability)
+    told = msgspec.structs.replace(diagnosis, effects=[first], candidates=tried)
+    assert said in headline.verdict_sentence(told)
+    # of two findings in one place nobody says which of them another law would replace
+    two = msgspec.structs.replace(told, effects=[first, msgspec.structs.replace(first, name="hoop.other")])
+    assert "imbalance" not in headline.verdict_sentence(two)
+
+
+def test_a_push_is_told_with_its_size_and_where_it_was() -> None:
+    diagnosis, _ = coulomb()
+
+    def s(value: float, ci95: tuple[float, float] | None) -> Quantity:
+        return Quantity(value=value, unit="s", ci95=ci95, nominal=0.0)
+
+    there, nowhere = s(9.15, (9.1, 9.2)), s(0.0, None)
+    sizes = {
+        "t0": there, "t0@a/one.csv": nowhere, "t0@a/two.csv": there,
+        "t1": there, "t1@a/one.csv": nowhere, "t1@a/two.csv": there,
+        "A": Quantity(value=0.06, unit="N", ci95=(0.05, 0.07), nominal=0.0),
+    }  # fmt: skip
+    # a file has them by the alphabet
+    for own in (sizes, dict(sorted(sizes.items()))):
+        push = msgspec.structs.replace(
+            diagnosis.effects[0], name="external.disturbance", parameters=own, not_excluded=[], status="untested"
+        )
+        said = headline.verdict_sentence(msgspec.structs.replace(diagnosis, effects=[push]))
+        assert "external.disturbance (A = 60 mN; t0 = 9.150 s in two.csv; held-out data never test it)" in said
+
+
+@pytest.mark.parametrize(
     ("value", "expected"),
     [(0.0, "< 1 %"), (1e-9, "< 1 %"), (0.0099, "< 1 %"), (0.01, "1 %"), (0.93, "93 %"), (0.998, "> 99 %"), (None, "-")],
 )

@@ -46,6 +46,14 @@ def test_measured_and_said_with_the_fit_in_the_legend(data: Data) -> None:
     )
 
 
+def test_an_operating_point_is_drawn_and_changes_no_fit(data: Data) -> None:
+    said = {"arx": [predict(MODEL, data)]}
+    about, there = (draw_said([data], said, "one step ahead", offsets=of).axes[0] for of in (None, {"psi": 60.0}))
+    for low, high in zip(about.get_lines(), there.get_lines(), strict=True):
+        assert high.get_ydata() == pytest.approx(low.get_ydata() + 60.0) and low.get_label() == high.get_label()
+    assert there.get_ylim() == pytest.approx([end + 60.0 for end in about.get_ylim()])
+
+
 def test_residuals_say_what_was_tested(data: Data) -> None:
     made = draw_residuals(residuals(MODEL, data))
     assert len(made.axes) == 2

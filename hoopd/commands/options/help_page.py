@@ -32,10 +32,10 @@ class HelpCommand(TyperCommand):
         rest = super().parse_args(ctx, args)  # ends where a page of help is asked for
         if ctx.resilient_parsing:
             return rest
-        given = Counter(self.make_parser(ctx).parse_args(args=asked)[2])
+        given = Counter(self.make_parser(ctx).parse_args(args=[*asked])[2])  # which empties the list
         for parameter, count in given.items():
             if count > 1 and not (parameter.multiple or getattr(parameter, "is_flag", True)):
-                raise InputError(parameter.opts[0], "", f"is given {count} times, and has one value")
+                raise InputError(_typed(parameter, asked), "", f"is given {count} times{_but(parameter)}")
         return rest
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -53,6 +53,20 @@ class HelpCommand(TyperCommand):
             if parameters:
                 rows = Group(*map(_row, parameters))
                 console.print(Panel(rows, title=f"{kind.capitalize()}s", title_align="left", border_style="dim"))
+
+
+def _typed(parameter: Any, words: list[str]) -> str:
+    """The name by which an option was given; of several the first that it has."""
+    names = {word.partition("=")[0] for word in words}
+    typed = [name for name in parameter.opts if name in names]
+    return str(typed[0] if len(typed) == 1 else parameter.opts[0])
+
+
+def _but(parameter: Any) -> str:
+    """How an option is given once."""
+    metavar = metavar_of(parameter)
+    is_list = metavar == "NAMES" or "," in metavar
+    return ": all values stand in one, behind commas (A,B)" if is_list else ", and has one value"
 
 
 def _is_told(parameter: Any, kind: str) -> bool:

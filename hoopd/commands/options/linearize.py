@@ -27,7 +27,8 @@ class LinearizeOptions:
     )
     at: str = option(
         "--at",
-        text="Another plant: inputs that are held, and states near which to look for the equilibrium.",
+        text="Another plant: inputs that are held (0), and states near which to look for the equilibrium; one that "
+        "needs an input that was not named is refused.",
         metavar="NAME=VALUE,...",
         default="",
     )

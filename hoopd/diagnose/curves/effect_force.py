@@ -65,6 +65,21 @@ def missing_of(
     return _joined(parts)
 
 
+def missing_where_it_acts(
+    effect: Effect, final: HypothesisFit, noise: Mapping[str, Noise]
+) -> MissingForceSamples | None:
+    """As `missing_of`, of the recording in which the effect makes most; of what is the same in all of them, of that
+    which has most readings.
+
+    What has a time or a phase of its own in each recording may act in one of them alone.
+    """
+    names = [recording_with_most(final, effect.slot)]
+    if any(one.per_recording for one in effect.parameters):
+        names = [*dict.fromkeys([*names, *final.recordings])]
+    found = [missing_of(effect, final, noise, name) for name in names if name is not None]
+    return max((one for one in found if one is not None), key=lambda one: float(np.nansum(one.law**2)), default=None)
+
+
 def recording_with_most(found: HypothesisFit, slot: str) -> str | None:
     """Where a slot has most readings."""
     samples: dict[str, int] = {}

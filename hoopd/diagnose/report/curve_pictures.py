@@ -12,7 +12,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hoopd.diagnose.curves.effect_force import MissingForceSamples, Variable, missing_of, recording_with_most
+from hoopd.diagnose.curves.effect_force import (
+    MissingForceSamples,
+    Variable,
+    missing_where_it_acts,
+    recording_with_most,
+)
 from hoopd.diagnose.curves.missing_force import binned, law_of_curve, missing_force
 from hoopd.diagnose.curves.unknown_effects import Unknown
 from hoopd.diagnose.proof.fit_tables import Played, series
@@ -101,11 +106,7 @@ def _trace(name: str, plant: Plant, before: Sequence[Sequence[Array]], after: Se
 
 def _missing(named: Named, name: str) -> tuple[str, str, MissingForceSamples] | None:
     effect = next(one for one in named.final.effects if one.name == name)
-    recording = recording_with_most(named.final, effect.slot)
-    if recording is None:
-        return None
-    noise = named.without.get(name, named.base).noise
-    found = missing_of(effect, named.final, noise, recording)
+    found = missing_where_it_acts(effect, named.final, named.without.get(name, named.base).noise)
     return None if found is None else (effect.slot, name, found)
 
 

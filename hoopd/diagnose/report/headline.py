@@ -21,7 +21,7 @@ from hoopd.diagnose.record import (
     Number,
     Quantity,
 )
-from hoopd.diagnose.report.sentences import each_fit, lawless, none_of_them, questions_sentence
+from hoopd.diagnose.report.sentences import each_fit, lawless, laws_beside, none_of_them, questions_sentence
 from hoopd.plots.number_format import chance, listed, nats, percent, safe, short_names, value_text
 
 TITLES = {
@@ -100,7 +100,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         if lawless(diagnosis):
             return f"Something acts that the model leaves out: {safe(diagnosis.effects[0].statement)}."
         known = [one for one in kept(diagnosis) if not one.is_unknown]
-        beside = f" beside {_names(known)}" if known else ""
+        beside = f" beside {_names(known, diagnosis)}" if known else ""
         return f"Something that is not in the library acts {_unknown_place(diagnosis)}{beside}."
     return _missing_sentence(diagnosis)
 
@@ -119,17 +119,18 @@ def _parameters_sentence(diagnosis: Diagnosis) -> str:
 
 def _missing_sentence(diagnosis: Diagnosis) -> str:
     if not kept(diagnosis):
-        denied = listed(f"{_finding(one)}: {one.reason}" for one in diagnosis.effects)
+        denied = listed(f"{_finding(one, diagnosis)}: {one.reason}" for one in diagnosis.effects)
         return (
             "Physics is missing, and no name for it is confirmed. "
             f"What explains most of it, and is in no model that is written: {denied}."
         )
     if all(map(doubt, kept(diagnosis))):
-        return f"Physics is missing, and which law it follows is not sure: {listed(map(_finding, kept(diagnosis)))}."
+        open_laws = listed(_finding(one, diagnosis) for one in kept(diagnosis))
+        return f"Physics is missing, and which law it follows is not sure: {open_laws}."
     said = [one for one in kept(diagnosis) if not doubt(one) and one.statement]
     meaning = safe(said[0].statement).rstrip(".") if len(said) == len(diagnosis.effects) == 1 else ""
     more = f" {meaning[0].upper()}{meaning[1:]}." if meaning else ""
-    return f"The model leaves out {_names(kept(diagnosis))}.{more}"
+    return f"The model leaves out {_names(kept(diagnosis), diagnosis)}.{more}"
 
 
 def kept(diagnosis: Diagnosis) -> list[EffectFinding]:
@@ -147,23 +148,56 @@ def doubt(effect: EffectFinding) -> str:
     return "" if is_likely else f"{chance(effect.probability)} likely"
 
 
-def _names(findings: Sequence[EffectFinding]) -> str:
+def _names(findings: Sequence[EffectFinding], diagnosis: Diagnosis) -> str:
     """Those that are sure; the others behind them."""
-    sure = listed(_finding(one) for one in findings if not doubt(one))
-    doubted = listed(_finding(one) for one in findings if doubt(one))
+    sure = listed(_finding(one, diagnosis) for one in findings if not doubt(one))
+    doubted = listed(_finding(one, diagnosis) for one in findings if doubt(one))
     return "; ".join([*([sure] if sure else []), *([f"less sure: {doubted}"] if doubted else [])])
 
 
-def _finding(effect: EffectFinding) -> str:
-    """A name with its first size, why it is doubted, and what cannot be told from it; of a law that is hardly the one
-    in its place, the place."""
+def _finding(effect: EffectFinding, diagnosis: Diagnosis) -> str:
+    """A name with its first size, why it is doubted, what is likelier in its place and what cannot be told from it; of
+    a law that is hardly the one in its place, the place, and the likeliest law first."""
+    likelier = _likelier(effect, diagnosis)
     if effect.status != "not_confirmed" and effect.probability is not None and effect.probability < OPEN:
-        return f"something at the {effect.slot} whose law is open ({effect.name}: {doubt(effect)})"
-    sizes = [f"{name} = {value_text(one)}" for name, one in effect.parameters.items() if one.value is not None]
+        laws = [*likelier, f"{effect.name}: {doubt(effect)}"]
+        return f"something at the {effect.slot} whose law is open ({'; '.join(laws)})"
     why = [doubt(effect)] if effect.status != "not_confirmed" and doubt(effect) else []
     rivals = [f"{listed(effect.not_excluded)} not excluded"] if effect.not_excluded else []
-    inside = [*sizes[:1], *why, *rivals]
+    inside = [*_first_size(effect), *why, *likelier, *rivals]
     return effect.name + (f" ({'; '.join(inside)})" if inside else "")
+
+
+def _likelier(effect: EffectFinding, diagnosis: Diagnosis) -> list[str]:
+    """The likeliest law of a finding's place where that is another one; of two findings in a place nobody says which
+    of them it would replace."""
+    if effect.probability is None or sum(one.slot == effect.slot for one in diagnosis.effects) > 1:
+        return []
+    others = laws_beside(effect, diagnosis)[:1]
+    return [
+        f"{one.name}: {chance(one.probability)} likely"
+        for one in others
+        if (one.probability or 0.0) > effect.probability
+    ]
+
+
+def _first_size(effect: EffectFinding) -> list[str]:
+    """The first of a finding's sizes; of what acts in some recordings alone, or begins with a time of its own in each,
+    the first that holds for all of them and the first of a recording in which it acts: a push has a force and a time.
+    """
+    sizes = {name: one for name, one in effect.parameters.items() if one.value is not None}
+    each = {name: one for name, one in sizes.items() if "@" in name}
+    split = {name.partition("@")[0] for name in each}
+    whole = [f"{name} = {value_text(one)}" for name, one in sizes.items() if name not in each and name not in split]
+    acts = {name: one for name, one in each.items() if one.ci95 is not None}
+    if not acts or (len(acts) == len(each) and next(iter(sizes)) not in split):
+        return [f"{name} = {value_text(one)}" for name, one in sizes.items()][:1]
+    name, time = next(iter(acts.items()))
+    own, _, recording = name.partition("@")
+    short = short_names(one.partition("@")[2] for one in each)
+    more = sum(one.startswith(f"{own}@") for one in acts) - 1
+    where = f" in {short[recording]}" * (len(short) > 1) + f" and {more} more" * (more > 0)
+    return [*whole[:1], f"{own} = {value_text(time)}{where}"]
 
 
 def _unknown_place(diagnosis: Diagnosis) -> str:

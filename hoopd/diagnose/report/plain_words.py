@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from hoopd.diagnose.record import NONE_OF_THESE, Diagnosis, EffectFinding
 from hoopd.diagnose.report.headline import MOST_TOLD, beside_sentences, kept, verdict_sentence
-from hoopd.diagnose.report.sentences import LEAST_LIKELY, lawless
+from hoopd.diagnose.report.sentences import LEAST_LIKELY, lawless, laws_beside
 from hoopd.plots.number_format import chance, listed, safe
 
 # Nats beyond what is needed, from which on a doubt is one in 20 000, and one in 20.
@@ -86,16 +86,8 @@ def _rest(effect: EffectFinding, diagnosis: Diagnosis) -> str:
 
     Without numbers: those of the candidates count whatever acts beside it, too, and add up to more.
     """
-    named = {one.name for one in diagnosis.effects}
-    others = [one for one in diagnosis.candidates if one.name not in named and one.counted_with != effect.name]
-    likely = [(one.probability or 0.0, one.name) for one in others]
-    here = sorted(
-        one
-        for one in likely
-        if (one[1].partition(".")[0] == effect.slot or one[1] in effect.not_excluded) and one[0] >= LEAST_LIKELY
-    )
-    rivals = [name for _, name in here[::-1][:RIVALS]]
-    none = next((value for value, name in likely if name == NONE_OF_THESE), 0.0)
-    if none >= LEAST_LIKELY and len(named) == 1:
+    rivals = [one.name for one in laws_beside(effect, diagnosis)[:RIVALS]]
+    none = next((one.probability or 0.0 for one in diagnosis.candidates if one.name == NONE_OF_THESE), 0.0)
+    if none >= LEAST_LIKELY and len(diagnosis.effects) == 1:
         rivals.append("a law that is not known here")
     return f"are mostly {listed(rivals, 'or')}" if rivals else "are shared among other laws that do much the same"

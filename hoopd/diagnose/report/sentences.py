@@ -174,6 +174,24 @@ def _with_chance(one: Candidate) -> str:
     return f"{one.name} ({chance(one.probability)})"
 
 
+def laws_beside(effect: EffectFinding, diagnosis: Diagnosis) -> list[Candidate]:
+    """Laws that are no findings and could be in a finding's place, or are not excluded in another one, the likeliest
+    first; what nothing tells from it is counted with it, and is not among them.
+
+    Their probabilities count whatever acts beside the finding, too: of two findings in a place they are of either.
+    """
+    named = {one.name for one in diagnosis.effects}
+    found = [
+        one
+        for one in diagnosis.candidates
+        if one.name not in named
+        and one.counted_with != effect.name
+        and (one.name.partition(".")[0] == effect.slot or one.name in effect.not_excluded)
+        and (one.probability or 0.0) >= LEAST_LIKELY
+    ]
+    return sorted(found, key=lambda one: (-(one.probability or 0.0), one.name))
+
+
 def none_of_them(diagnosis: Diagnosis) -> Number:
     """Probability that what no known law describes acts in one of the places; None where it is not worth a word, or a
     finding without a name says it itself."""
