@@ -201,15 +201,15 @@ def _ask_for_less(campaign: Campaign, files: RunFiles, choice: ChosenRun, number
     """The run again at half its torque, where a limit ended it too early; StepError where something else did, or the
     halves are too many. Either way the next call goes on, and the seconds count."""
     told = recorded_try(files.experiment)
+    # before anything is decided: a kill in between plays the same again, and counts no half twice
     set_aside(files.recording, "early")
+    set_aside(files.experiment, "early")
     lasted = f"lasted {told.ended_at_s or 0.0:.1f} s"
     if told.limit_passed and told.amplitude_nm is not None and choice.halved < MOST_SMALLER:
         reason = f"{choice.reason}; it {lasted} ({told.outcome}): with half the torque"
         smaller = replace(choice, amplitude_nm=told.amplitude_nm / 2.0, halved=choice.halved + 1, reason=reason)
         campaign.decide(files, smaller)
-        set_aside(files.experiment, "early")
         return
-    set_aside(files.experiment, "early")
     if told.limit_passed:
         set_aside(files.choice, "given_up")
     goes_on = "goes on with another signal" if told.limit_passed else "plays it again"

@@ -65,7 +65,7 @@ def read_at_start(t: Array, y: Array, lag_s: float) -> float:
 
     Examples
     --------
-    >>> read_at_start(np.arange(6.0), np.array([np.nan, 2.0, 3.0, 4.0, 5.0, 6.0]), 1.0)
+    >>> round(read_at_start(np.arange(6.0), np.array([np.nan, 2.0, 3.0, 4.0, 5.0, 6.0]), 1.0), 9)
     1.0
     """
     there = np.flatnonzero(np.isfinite(y))[:MOST_SAMPLES]
@@ -73,4 +73,4 @@ def read_at_start(t: Array, y: Array, lag_s: float) -> float:
     used = there[: max(within, FEWEST_SAMPLES)]
     if len(used) < FEWEST_SAMPLES:
         return float("nan")
-    return float(np.round(np.polynomial.Polynomial.fit(t[used] - t[0], y[used], 1)(0.0), 15))
+    return float(np.polynomial.Polynomial.fit(t[used] - t[0], y[used], 1)(0.0))

@@ -239,6 +239,14 @@ class Composite:
         y = [self.reading(channel, s["z"], s["t"], self._named(s["p"])) for channel in self.channels]
         return ca.Function("readings", [s[k] for k in ("z", "t", "p")], [ca.densify(ca.vertcat(*y))], _CSE)
 
+    @cached_property
+    def demand_function(self) -> ca.Function:
+        """(z, u, t, p) -> what a lag of the drive follows: the first input behind all that it is mapped by."""
+        s = self._symbols
+        u = ca.SX.sym("u", self.nu)
+        torque, _ = split_inputs(self._motion.torque(s["z"][: self.nx], u, s["t"], self._named(s["p"])), self.nu)
+        return ca.Function("demand", [s["z"], u, s["t"], s["p"]], [ca.densify(torque)], _CSE)
+
     def substep_derivatives(self, free: Sequence[str]) -> ca.Function:
         """(z, torque, w, d, t, p) -> z after d seconds; its derivatives by z, w, torque and free parameters."""
         s = self._symbols

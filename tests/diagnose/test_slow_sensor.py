@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -146,12 +148,24 @@ def test_a_run_that_begins_while_a_sensor_lags_is_as_good_as_its_noise() -> None
     assert np.sqrt(np.nanmean((windows.y - windows.windows.y)[:, 0] ** 2)) < 1.1 * SPREAD
 
 
-def test_what_lags_behind_a_drive_begins_a_window_with_the_demands_before() -> None:
-    effect = library(HEATER)["actuator.lag"]
+def test_a_lag_begins_where_its_sensor_reads_less_what_is_added_to_that() -> None:
+    effects = [library(HEATER)[name] for name in ("t_sensor.lag", "t_sensor.offset")]
+    values = {**TRUTH, effects[1].key(effects[1].parameters[0].name): 5.0}
+    stretch = heated_stretch(1)
+    shifted = replace(stretch, y=stretch.y + 5.0, every=stretch.y + 5.0)
+    windows = fitted_starts(windows_of(shifted, 2.0), effects, values, Track(stretch).z, np.array([SPREAD]))
+    assert np.sqrt(np.nanmean((windows.y - windows.windows.y)[:, 0] ** 2)) < 1.1 * SPREAD
+
+
+@pytest.mark.parametrize("name", ["", "actuator.torque_gain"])
+def test_what_lags_behind_a_drive_begins_a_window_with_the_demands_before(name: str) -> None:
+    effect = [library(HEATER)["actuator.lag"], *([library(HEATER)[name]] if name else [])]
     stretch = heated_stretch(1)
     values = {**TRUTH, "actuator.lag.T": 100.0}
-    simulator = Simulator(windows_of(stretch, 2.0), (effect,))
-    whole = Simulator(windows_of(stretch, None), (effect,))
+    if name:
+        values[effect[1].key(effect[1].parameters[0].name)] = 0.7
+    simulator = Simulator(windows_of(stretch, 2.0), effect)
+    whole = Simulator(windows_of(stretch, None), effect)
     along = whole.run(values, np.full((1, 1, 1), 23.0))[:, 1, 0, 0]
     begun = simulator.run(values, np.full((1, len(simulator.windows.first), 1), 23.0))[0, 1, :, 0]
     np.testing.assert_allclose(begun, along[simulator.windows.first], atol=1e-9)

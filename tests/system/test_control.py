@@ -15,6 +15,7 @@ import yaml
 from harness.rigrun import RigRun, run_rig
 
 from hoopd.daemon.replay import replay
+from hoopd.files.controller import WIDEST_GATE_RAD
 from hoopd.files.reading import InputError
 from hoopd.recording.mcap import read_run
 
@@ -40,9 +41,9 @@ def settles(run: RigRun) -> bool:
 
 
 def open_gate(folder: Path, name: str) -> str:
-    """A shipped controller whose filter believes every picture."""
+    """A shipped controller whose filter believes the false picture: the widest gate that a file may have."""
     file = yaml.safe_load((CONTROLLERS / f"{name}.yaml").read_text())
-    file["estimator"]["gate_nis"] = 1e12
+    file["estimator"]["gate_nis"] = (0.99 * WIDEST_GATE_RAD) ** 2 / file["estimator"]["r_psi"]
     path = folder / "open.yaml"
     path.write_text(yaml.safe_dump(file))
     return f"control.file={path}"

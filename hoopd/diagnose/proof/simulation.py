@@ -125,12 +125,12 @@ class Simulator:
         columns = [[c.beginning(start[:, i, j], u[i]) for j in range(k)] for i in range(b)]
         out: Array = np.array(columns).transpose(2, 0, 1)
         if c.nz > c.nx:
-            past = np.stack(_by_value(each, self._past), axis=2)  # (lags, b, k)
+            past = np.stack(_by_value(each, self._past), axis=2) - self._added(out, each)  # (lags, b, k)
             out[c.nx :] = np.where(np.isfinite(past), past, out[c.nx :])
         return out
 
     def _past(self, values: Mapping[str, float]) -> Array:
-        """(lags, b) where each lag is at the windows' starts, NaN where nothing tells."""
+        """(lags, b) where each lag is at the windows' starts, of a sensor as it is read; NaN where nothing tells."""
         return np.stack(
             [self._past_of(*one, values) for one in zip(self.composite.followed, self.composite.lags, strict=True)]
         )
@@ -139,14 +139,33 @@ class Simulator:
         """(b,) of one lag: of the drive from its demands (`channel` None), of a sensor from its readings."""
         w, lag_s = self.windows, float(values.get(lag, 0.0))
         if channel is None:
-            demands = self.held.substeps(1, self.composite.delay_s(values))[0]
-            return low_passed(demands, np.diff(self.held.t), lag_s)[w.first]
+            return low_passed(self._demands(values), np.diff(self.held.t), lag_s)[w.first]
         row, t = self.composite.channels.index(channel), w.stretch.t
         found = [
             read_at_start(t[a : a + n], w.y[:n, row, i], lag_s)
             for i, (a, n) in enumerate(zip(w.first, w.count, strict=True))
         ]
         return np.array(found)
+
+    def _demands(self, values: Mapping[str, float]) -> Array:
+        """(n-1,) what the drive's lag followed in each step, its maps taken at rest."""
+        c = self.composite
+        u = self.held.inputs(1, c.delay_s(values))[0]
+        call = mapped(c.demand_function, len(u), (0, 3))
+        return call(np.zeros(c.nz), u, self.held.t[:-1], c.vector(values))[0].ravel()
+
+    def _added(self, begin: Array, each: Sequence[Mapping[str, float]]) -> Array:
+        """(lags, b, k) what a sensor shows beside what lags in it; 0 of the drive."""
+        c, (nz, b, k) = self.composite, begin.shape
+        z, t = begin.transpose(1, 2, 0).reshape(b * k, nz), np.repeat(self.windows.stretch.t[self.windows.first], k)
+        p = np.tile(np.stack([c.vector(one) for one in each]), (b, 1))
+        shown = mapped(c.reading_function, b * k, ())(z, t, p)[0].reshape(b, k, -1).transpose(2, 0, 1)
+        return np.stack(
+            [
+                np.zeros((b, k)) if channel is None else shown[c.channels.index(channel)] - begin[c.nx + i]
+                for i, channel in enumerate(c.followed)
+            ]
+        )
 
     def readings(self, values: Columns, states: Array) -> Array:
         """(n, nc, b, k) what the sensors show of states (n, nz, b, k)."""

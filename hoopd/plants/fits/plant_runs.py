@@ -84,11 +84,13 @@ class PlantSystem:
 
     def _begun(self, run: Run, composite: Composite) -> Run:
         z = composite.beginning(run.start, float(np.ravel(run.u)[0]) if run.u.size else 0.0)
+        shown = composite.reading_function(z, run.t[0], composite.vector(self.values)).full().ravel()
         for i, (channel, lag) in enumerate(zip(composite.followed, composite.lags, strict=True), start=composite.nx):
             if channel is not None and channel in run.series:
                 one = run.series[channel]
                 first = read_at_start(run.t[[0, *one.nodes]], np.array([np.nan, *one.values]), self.values[lag])
-                z[i] = first if np.isfinite(first) else z[i]
+                added = shown[composite.channels.index(channel)] - z[i]  # beside what lags: an offset
+                z[i] = first - added if np.isfinite(first) else z[i]
         return replace(run, start=z)
 
 

@@ -34,15 +34,20 @@ export function say(target, text) {
 // A control that is replaced between press and release gets no click, and one that moves under the pointer gets another's.
 const CLICK_MS = 50; // from the release to the click, with a finger too
 const held = new Map(); // parents that are renewed once the pointer is up
-let pressed = null;
-addEventListener('pointerdown', event => { pressed = event.target; }, true);
-for (const end of ['pointerup', 'pointercancel']) addEventListener(end, () => setTimeout(release, CLICK_MS), true);
-addEventListener('blur', release); // of the window: no release is told any more
+let pressed = null, timer = 0;
+addEventListener('pointerdown', event => {
+  clearTimeout(timer);
+  pressed = event.button === 0 ? event.target : null;
+}, true);
+const soon = () => { timer = setTimeout(release, CLICK_MS); };
+for (const end of ['pointerup', 'pointercancel']) addEventListener(end, soon, true);
+for (const end of ['blur', 'contextmenu']) addEventListener(end, release); // of the window, or a menu: no release is told any more
 
 function release() {
   pressed = null;
-  for (const [parent, make] of held) renew(parent, make);
+  const waiting = [...held];
   held.clear();
+  for (const [parent, make] of waiting) renew(parent, make);
 }
 
 /** Children, as `make` makes them, in the place of those before; who has the focus there keeps it, and never gets another row's. */
