@@ -191,7 +191,30 @@ def test_what_cannot_be_meant_is_one_line() -> None:
         PlantEnv(effects={"nope": {}})
 
 
-@pytest.mark.parametrize("action", [[0.1, 0.2], [], 0.1, [float("nan")], "0.1"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"effects": {"hoop.coulomb_friction": None}},
+        {"effects": {"hoop.coulomb_friction": {"Fc": "0.01"}}},
+        {"effects": {3: {}}},
+        {"effects": [1]},
+        {"effects": []},
+        {"model": 3},
+    ],
+)
+@pytest.mark.parametrize("over", ["plant", "rig"])
+def test_physics_that_are_none_are_one_line(over: str, options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"^(effects|model): a "):
+        hoops.make("bottom", over, **options)
+
+
+@pytest.mark.parametrize("options", [[1], "x", 3])
+def test_options_of_a_reset_are_a_mapping(options: object) -> None:
+    with pytest.raises(ValueError, match="ball_rad alone"):
+        PlantEnv().reset(options=cast("Any", options))
+
+
+@pytest.mark.parametrize("action", [[0.1, 0.2], [], 0.1, [float("nan")], "0.1", ["0.1"], [0.1 + 1j], [None]])
 def test_an_action_is_one_torque(action: object) -> None:
     env = PlantEnv()
     env.reset(seed=0)
