@@ -21,7 +21,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hoopd.gym.hidden_physics import HiddenPhysics
-from hoopd.gym.tasks import FAILURE_COST, UP, Moment, TryJudge, task_of
+from hoopd.gym.tasks import UP, Moment, TryJudge, task_of
 
 Array = NDArray[np.float32]
 Reset = tuple[Array, dict[str, Any]]
@@ -78,8 +78,9 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         moment = self._moment(torque_nm / self.torque_limit_nm)
         verdict = self._judge.see(moment)
         stopped = self._stopped(moment)
-        reward = verdict.reward - (FAILURE_COST if stopped and not verdict.over else 0.0)
         over, why = verdict.over or bool(stopped), verdict.why or stopped
+        failed = over and not verdict.success
+        reward = verdict.reward - (self.task.failure_cost(self._ticks * self.tick_s) if failed else 0.0)
         info = {**self._info(moment), "success": verdict.success, **({"ended": why} if over else {})}
         is_late = self._ticks >= self._most_ticks and not over
         if over or is_late:

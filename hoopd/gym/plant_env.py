@@ -73,7 +73,7 @@ class PlantEnv(HoopEnv):
     def _moment(self, torque_share: float) -> Moment:
         plant = self.plant
         _, hoop_speed, angle, speed = plant.state
-        return Moment(plant.t, hoop_speed, angle, speed, plant.distance, torque_share)
+        return Moment(plant.t, hoop_speed, angle, speed, plant.distance, torque_share, plant.ball_mode)
 
     def _stopped(self, moment: Moment) -> str:
         speed = moment.hoop_speed

@@ -105,7 +105,9 @@ class RigEnv(HoopEnv):
     def _moment(self, torque_share: float) -> Moment:
         plant = self.rig.plant
         _, hoop_speed, angle, speed = plant.state
-        return Moment(self.rig.record.t - self._began_t, hoop_speed, angle, speed, plant.distance, torque_share)
+        return Moment(
+            self.rig.record.t - self._began_t, hoop_speed, angle, speed, plant.distance, torque_share, plant.ball_mode
+        )
 
     def _seen(self, moment: Moment) -> Array:
         """The estimate at the next tick."""
