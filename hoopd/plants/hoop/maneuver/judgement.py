@@ -69,7 +69,7 @@ class ManeuverOutcome(NamedTuple):
     Attributes
     ----------
     turns : int or None
-        Whole turns of the ball, as psi counts, from the first picture to the last; None where nothing tells.
+        Whole turns of the ball, as psi counts, to the bottom that the last picture is nearest to; None without any.
     least_contact : float
         Least force between (outer) hoop and ball while it was played, in weights of the ball.
     settled_s : float
