@@ -228,7 +228,9 @@ def _taught(learner: _Learner, result: dict[str, Any], row: dict[str, Any], k: i
 
 def _off_the_way(trajectory: TrajectoryFile, row: dict[str, Any]) -> str:
     """Why a ball's motion is not the model's to explain; empty where it is."""
-    if row["least_contact"] is None or row["least_contact"] <= 0.0:
+    if row["turns"] is None or row["least_contact"] is None:
+        return "too little was recorded of it"
+    if row["least_contact"] <= 0.0:
         return "the ball left the hoop"
     wanted = trajectory.turn if trajectory.maneuver == LOOP else 0
     return "" if row["turns"] == wanted else f"it went round {row['turns']:+d} times, not {wanted:+d}"

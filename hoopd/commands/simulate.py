@@ -29,7 +29,7 @@ from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording import Recording, save
 from hoopd.recording.formats import extension_of
 from hoopd.recording.slices import MAX_VALUE
-from hoopd.recording.timeline import driven
+from hoopd.recording.timeline import driven, off_the_hoop_words
 
 MOVING = ("auto", "both", "hoop", "ball")
 # Below, a run of seconds takes minutes and nothing changes; above, a step is longer than any tick.
@@ -177,6 +177,7 @@ def _notes(file: ModelFile, recording: Recording, whole: FitScore, *, without_ef
 
 
 def off_words(recording: Recording) -> list[str]:
-    """Rows in which something may have held hoop or ball, because the drive was off."""
+    """Rows in which something may have held hoop or ball, because the drive was off, and those in which no hoop did."""
     off = int((~driven(recording)).sum())
-    return [f"{recording.source}: {off} rows were taken with the drive off and do not count"] if off else []
+    told = [f"{off} rows were taken with the drive off and do not count"] if off else []
+    return [f"{recording.source}: {words}" for words in (*told, *off_the_hoop_words(recording))]

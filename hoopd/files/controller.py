@@ -20,7 +20,7 @@ from hoopd.core.estimator import DelayedEkf, EkfSettings, Step
 from hoopd.core.excitation import Excitation
 from hoopd.core.limits import SLEW_NM_PER_TICK, TORQUE_LIMIT_NM, Limiter
 from hoopd.files.excitation import excitation_entry, excitation_of
-from hoopd.files.planned_motion import planned_motion_entry, tracker_of
+from hoopd.files.planned_motion import flight_doubt, planned_motion_entry, tracker_of
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict, between
 
@@ -101,6 +101,8 @@ def parse_controller(text: str, path: object) -> ControllerFile:
         raise InputError(path, "estimator.gate_nis", reason)
     if beyond := beyond_own_limits(file):
         raise InputError(path, "gains", beyond)
+    if file.kind == "maneuver" and (doubt := flight_doubt(planned_motion_entry(file.gains), file.sample_time_s)):
+        raise InputError(path, "gains", doubt)
     return file
 
 

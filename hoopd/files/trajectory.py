@@ -12,7 +12,7 @@ import msgspec
 
 from hoopd.core.limits import TORQUE_LIMIT_NM
 from hoopd.files.controller import ControllerFile
-from hoopd.files.planned_motion import PlannedMotionEntry, tracker_of
+from hoopd.files.planned_motion import PlannedMotionEntry, flight_doubt, tracker_of
 from hoopd.files.reading import InputError, parse_yaml, read_text, to_struct
 from hoopd.files.records import Strict, between
 from hoopd.files.yaml_text import text_of
@@ -65,6 +65,8 @@ def parse_trajectory(text: str, path: object) -> TrajectoryFile:
         tracker_of(file.plan)
     except ValueError as error:
         raise InputError(path, "plan", str(error)) from None
+    if doubt := flight_doubt(file.plan, file.sample_time_s):
+        raise InputError(path, "plan", doubt)
     return file
 
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +47,8 @@ class HiddenPhysics:
         """ValueError for what no plant can have."""
         if not isinstance(self.spread, Real) or not 0.0 <= self.spread <= LARGEST_SPREAD:
             raise ValueError(f"spread must be 0 to {LARGEST_SPREAD:g}, not {self.spread!r}")
+        if not isinstance(self.effects, Mapping) or not all(map(_is_effect, self.effects.items())):
+            raise ValueError(f"effects: a mapping of names to their numbers, not {self.effects!r}")
 
     def check(self) -> None:
         """ValueError for effects that this model cannot have."""
@@ -57,8 +61,6 @@ class HiddenPhysics:
     def drawn(self, rng: np.random.Generator) -> FoundEffects:
         """The plant of one try; its ball may always leave the hoop."""
         told = effects_of(self.file())
-        if not isinstance(self.effects, Mapping):
-            raise ValueError(f"effects: a mapping of names to their numbers, not {self.effects!r}")
         flies = LIFT_OFF in {one.name for one in told.entries}
         hidden = {**({} if flies else {LIFT_OFF: {}}), **self.effects}
         entries = [one for one in told.entries if one.name not in hidden]
@@ -71,3 +73,20 @@ class HiddenPhysics:
 
     def _factor(self, name: str, rng: np.random.Generator) -> float:
         return 1.0 if name in KNOWN or self.spread == 0.0 else float(rng.uniform(1 - self.spread, 1 + self.spread))
+
+
+def physics_of(
+    model: Path | str | None, effects: Mapping[str, Mapping[str, float]] | None, spread: float, usual: str
+) -> HiddenPhysics:
+    """As an environment is asked for it; `usual`: the model where none is named. ValueError."""
+    if model is not None and not isinstance(model, str | PathLike):
+        raise ValueError(f"model: a path, not {model!r}")
+    return HiddenPhysics(Path(model or usual), {} if effects is None else effects, spread)
+
+
+def _is_effect(entry: tuple[Any, Any]) -> bool:
+    """A name, with numbers by theirs."""
+    name, numbers = entry
+    if not isinstance(name, str) or not isinstance(numbers, Mapping):
+        return False
+    return all(isinstance(key, str) and isinstance(value, Real) for key, value in numbers.items())

@@ -11,6 +11,7 @@ same observations. The limits are the device's own.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from math import cos, isfinite, nan, pi, sin, tau
 from typing import Any
 
@@ -20,7 +21,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hoopd.gym.hidden_physics import HiddenPhysics
-from hoopd.gym.tasks import FAILURE_COST, UP, Moment, TryJudge, task_of
+from hoopd.gym.tasks import UP, Moment, TryJudge, task_of
 
 Array = NDArray[np.float32]
 Reset = tuple[Array, dict[str, Any]]
@@ -30,6 +31,9 @@ Step = tuple[Array, float, bool, bool, dict[str, Any]]
 FASTEST_RAD_S, MOST_TURNS = 1e3, 1e4
 HIGH = np.array([FASTEST_RAD_S, 1.0, 1.0, FASTEST_RAD_S, MOST_TURNS, 1.0], np.float32)
 LOW = np.array([-FASTEST_RAD_S, -1.0, -1.0, -FASTEST_RAD_S, -MOST_TURNS, 0.0], np.float32)
+
+# Kinds of arrays whose entries are real numbers.
+REAL = "biuf"
 
 
 class HoopEnv(gymnasium.Env[Array, Array], ABC):
@@ -53,7 +57,7 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Reset:
         """Begin a try; `options`: `ball_rad`, where the ball rests at its beginning."""
         super().reset(seed=seed)
-        told = dict(options or {})
+        told = dict(options or {}) if isinstance(options, Mapping | None) else {"options": options}
         start = self.task.start_rad
         drawn = float(self.np_random.uniform(-start, start))
         ball_rad = _number_of(told.pop("ball_rad", drawn))
@@ -74,8 +78,9 @@ class HoopEnv(gymnasium.Env[Array, Array], ABC):
         moment = self._moment(torque_nm / self.torque_limit_nm)
         verdict = self._judge.see(moment)
         stopped = self._stopped(moment)
-        reward = verdict.reward - (FAILURE_COST if stopped and not verdict.over else 0.0)
         over, why = verdict.over or bool(stopped), verdict.why or stopped
+        failed = over and not verdict.success
+        reward = verdict.reward - (self.task.failure_cost(self._ticks * self.tick_s) if failed else 0.0)
         info = {**self._info(moment), "success": verdict.success, **({"ended": why} if over else {})}
         is_late = self._ticks >= self._most_ticks and not over
         if over or is_late:
@@ -121,10 +126,10 @@ def _number_of(value: Any) -> float:
 def _torque_of(action: Any) -> float:
     """N m; ValueError for anything but one finite number."""
     try:
-        numbers = np.asarray(action, dtype=float)
+        numbers = np.asarray(action)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
-    if numbers.shape != (1,) or not isfinite(numbers[0]):
+    if numbers.shape != (1,) or numbers.dtype.kind not in REAL or not isfinite(numbers[0]):
         raise ValueError(f"an action is an array with one torque in N m, not {action!r}")
     return float(numbers[0])
 

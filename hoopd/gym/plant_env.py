@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hoopd.core.health import Thresholds
-from hoopd.gym.hidden_physics import HiddenPhysics
+from hoopd.gym.hidden_physics import physics_of
 from hoopd.gym.hoop_env import HoopEnv
 from hoopd.gym.tasks import BOTTOM, Moment, task_of
 from hoopd.sim.plant import RigPlant
@@ -48,7 +48,7 @@ class PlantEnv(HoopEnv):
         effects: Mapping[str, Mapping[str, float]] | None = None,
         spread: float = 0.0,
     ) -> None:
-        physics = HiddenPhysics(Path(model or task_of(task).model), effects or {}, spread)
+        physics = physics_of(model, effects, spread, task_of(task).model)
         file = physics.file()
         super().__init__(task, physics, file.device.torque_limit_nm, file.sample_time_s)
         self._fastest = Thresholds().hoop_speed_rad_s
@@ -73,7 +73,7 @@ class PlantEnv(HoopEnv):
     def _moment(self, torque_share: float) -> Moment:
         plant = self.plant
         _, hoop_speed, angle, speed = plant.state
-        return Moment(plant.t, hoop_speed, angle, speed, plant.distance, torque_share)
+        return Moment(plant.t, hoop_speed, angle, speed, plant.distance, torque_share, plant.ball_mode)
 
     def _stopped(self, moment: Moment) -> str:
         speed = moment.hoop_speed

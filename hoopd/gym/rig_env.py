@@ -18,7 +18,7 @@ import numpy as np
 
 from hoopd.daemon.build import Texts, read_texts
 from hoopd.daemon.stepped_rig import SteppedRig
-from hoopd.gym.hidden_physics import HiddenPhysics
+from hoopd.gym.hidden_physics import physics_of
 from hoopd.gym.hoop_env import Array, HoopEnv, observation
 from hoopd.gym.tasks import BOTTOM, Moment, task_of
 from hoopd.plants.found_effects import FoundEffects
@@ -66,7 +66,7 @@ class RigEnv(HoopEnv):
     ) -> None:
         if not task_of(task).over_rig:
             raise ValueError(f"{task} is over the plant alone: over the rig an agent is not shown enough of it")
-        physics = HiddenPhysics(Path(model or task_of(task).model), effects or {}, spread)
+        physics = physics_of(model, effects, spread, task_of(task).model)
         quiet = ("telemetry.enabled=false", "commands.enabled=false")
         self._config: Config = configuration.load(config, sim=True, overrides=[*quiet, *sets])
         self._texts: Texts = read_texts(self._config, config)
@@ -105,7 +105,9 @@ class RigEnv(HoopEnv):
     def _moment(self, torque_share: float) -> Moment:
         plant = self.rig.plant
         _, hoop_speed, angle, speed = plant.state
-        return Moment(self.rig.record.t - self._began_t, hoop_speed, angle, speed, plant.distance, torque_share)
+        return Moment(
+            self.rig.record.t - self._began_t, hoop_speed, angle, speed, plant.distance, torque_share, plant.ball_mode
+        )
 
     def _seen(self, moment: Moment) -> Array:
         """The estimate at the next tick."""

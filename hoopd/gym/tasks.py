@@ -3,7 +3,8 @@
     reward of a tick = -(off^2 + (ball speed / 10)^2 + (hoop speed / 60)^2 + (torque / limit)^2 / 10) dt  + bonuses
 
 `off` is the ball's angle from where the task wants it, at most pi. A try ends early when it succeeded, or when it
-cannot succeed any more.
+cannot succeed any more: that costs what a ball that rests as far off as can be would have cost until the try's end, and
+`FAILURE_COST`. Otherwise the shortest way out of a task would be worth more than doing nothing.
 
 Rules of this file: pure; a judge sees moments and nothing else, so that it is the same over plant and rig.
 """
@@ -17,20 +18,20 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from hoopd.core.faulttable import SUSPENDABLE, SUSPENDABLE_IN_FLIGHT
+from hoopd.plants.hoop.effects.contact_modes import INNER, ROLLING
 from hoopd.plants.hoop.maneuver.judgement import SETTLED_HOOP_RAD_S, SETTLED_RAD
 
 BOTTOM, LOOP, THROW, UP = "bottom", "loop", "throw", "up"
 # Settled for so long, it stays there.
 SETTLED_S = 0.5
-# On the inner hoop a ball is nearer to the axis than in a flight that is about to touch the outer one.
-ON_INNER = 0.85
-# On its top: so near to it, for so long.
+# On the top of the inner hoop: so near to it, for so long.
 TOP_RAD, TOP_S = 0.2, 2.0
 # A flight that no bounce is: a ball that falls freely comes down by 12 cm, more than the hoop's radius.
 FLIGHT_S = 0.1
 # Rows that a ball raises which goes round the hoop.
 ROUND = tuple(SUSPENDABLE)
 SUCCESS_BONUS, CATCH_BONUS, FAILURE_COST = 10.0, 5.0, 10.0
+PATIENCE_COST_PER_S = pi**2  # at rest, off by pi
 USUAL_BALL_RAD_S, USUAL_HOOP_RAD_S, TORQUE_WEIGHT = 10.0, 60.0, 0.1
 
 
@@ -43,12 +44,13 @@ class Moment(NamedTuple):
     ball_speed: float  # rad/s
     distance: float  # of the ball from the axis, in shares of what it is on the hoop: below 1 it flies
     torque_share: float  # of the limit, in the tick that ends here
+    ball_mode: str = ROLLING  # or air, or inner: what it does
 
 
 class TickVerdict(NamedTuple):
     """What a tick was worth."""
 
-    reward: float
+    reward: float  # without the cost of a failure
     over: bool = False
     success: bool = False
     why: str = ""  # it is over
@@ -66,6 +68,10 @@ class GymTask:
     model: str = "models/hoop.yaml"  # whose plant it is of
     over_rig: bool = True  # the rig's filter and sensors can do it, too
 
+    def failure_cost(self, played_s: float) -> float:
+        """Of a try that failed then."""
+        return FAILURE_COST + PATIENCE_COST_PER_S * max(self.seconds - played_s, 0.0)
+
 
 class TryJudge:
     """Of one try; of the bottom, and what all tasks share."""
@@ -82,7 +88,7 @@ class TryJudge:
         cost += TORQUE_WEIGHT * m.torque_share**2
         reward = self._bonus(m) - cost * self._tick_s
         if why := self._failed(m):
-            return TickVerdict(reward - FAILURE_COST, True, False, why)
+            return TickVerdict(reward, True, False, why)
         if self._succeeded(m):
             return TickVerdict(reward + SUCCESS_BONUS, True, True, "done")
         return TickVerdict(reward)
@@ -151,7 +157,7 @@ class UpJudge(TryJudge):
         return abs((m.ball_angle % tau) - pi)
 
     def _succeeded(self, m: Moment) -> bool:
-        up = m.distance < ON_INNER and self._off(m) <= TOP_RAD
+        up = m.ball_mode == INNER and self._off(m) <= TOP_RAD
         self._up_since = min(self._up_since, m.t) if up else inf
         return m.t - self._up_since >= TOP_S
 

@@ -1,7 +1,8 @@
 """A recording as a simulation sees it: nodes of time, the inputs between them, the node of every measurement.
 
 Rules of this file: a measurement belongs to the instant at which it was taken, not to the row that brought it; a row
-without an input, rows that are missing, and a drive that is switched off end a run. An input that goes straight from
+without an input, rows that are missing, a drive that is switched off, and a ball that leaves its hoop end a run. An
+input that goes straight from
 row to row is its mean between two nodes: with a step h the speed at the nodes is exact, and the position lags by
 h^2/12 of the change in acceleration, which does not add up. No model here.
 """
@@ -20,7 +21,18 @@ from hoopd.recording.spans import spans
 from hoopd.recording.tick_columns import BOARD_TIMES, TIMES
 from hoopd.recording.unwrap import unwrapped
 
-__all__ = ["SAME_S", "TIMES", "ChannelNodes", "Timeline", "driven", "switch_times", "timelines", "usual_steps"]
+__all__ = [
+    "SAME_S",
+    "TIMES",
+    "ChannelNodes",
+    "Timeline",
+    "driven",
+    "off_the_hoop",
+    "off_the_hoop_words",
+    "switch_times",
+    "timelines",
+    "usual_steps",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -29,6 +41,9 @@ Index = NDArray[np.int64]
 NEIGHBOURS = 10
 # The daemon's modes in which its drive turns the hoop; in the others a hand may hold hoop or ball.
 DRIVEN = ("RUNNING", "STOPPING")
+# What a daemon's ball does while no outer hoop carries it, by the column `ball_mode`; after that, until it has been
+# caught and pictures have shown it, as long as the fault table waits.
+OFF_THE_HOOP, CAUGHT_S = ("air", "inner"), 0.16
 # Column of `extra`: when each row's torque began to act, where the sample times of the readings do not tell it.
 TORQUE_TIMES = "u_t"
 
@@ -70,7 +85,8 @@ class Timeline(NamedTuple):
 def timelines(recording: Recording) -> list[Timeline]:
     """One timeline for each stretch of two rows or more with all inputs, angles unwrapped; ValueError without any."""
     recording = unwrapped(recording)
-    whole = np.isfinite(recording.t) & driven(recording)
+    off = off_the_hoop(recording)
+    whole = np.isfinite(recording.t) & driven(recording) & ~off
     for signal in recording.inputs.values():
         whole &= np.isfinite(signal.values)
     cuts = np.flatnonzero(np.diff(recording.t) > PAUSE_STEPS * usual_steps(recording.t)) + 1
@@ -85,6 +101,8 @@ def timelines(recording: Recording) -> list[Timeline]:
         raise ValueError(
             f"rows are {step:.3g} s apart, at least {CLOSEST_S:g} s are needed: {SAME_S:g} s are one instant"
         )
+    if not stretches and off.any():
+        raise ValueError("no two rows in a row with time, torque, and the ball on the outer hoop")
     if not stretches:
         raise ValueError("no two rows in a row with time and torque" if recording.is_tick else _nothing(recording))
     return [_timeline(recording, slice(a, b)) for a, b in stretches]
@@ -110,6 +128,22 @@ def driven(recording: Recording) -> NDArray[np.bool_]:
     modes = recording.extra.get("mode")
     rows = np.ones(len(recording), dtype=bool) if modes is None else np.isin(modes, DRIVEN)
     return rows if rows.any() else np.ones(len(recording), dtype=bool)
+
+
+def off_the_hoop(recording: Recording) -> NDArray[np.bool_]:
+    """Rows in which a ball was in the air or on the inner hoop, as the daemon believed, or had just come back."""
+    modes = recording.extra.get("ball_mode")
+    if modes is None or not (off := np.isin(modes, OFF_THE_HOOP)).any():
+        return np.zeros(len(recording), dtype=bool)
+    last = np.fmax.accumulate(np.where(off, recording.t, -np.inf))
+    return np.asarray(off | (recording.t - last <= CAUGHT_S + SAME_S))
+
+
+def off_the_hoop_words(recording: Recording) -> list[str]:
+    """Of such rows, a sentence, where there are some."""
+    count = int(off_the_hoop(recording).sum())
+    where = "off the outer hoop (in the air, on the inner hoop, just back)"
+    return [f"{count} rows were taken with the ball {where} and do not count"] if count else []
 
 
 def _timeline(recording: Recording, rows: slice) -> Timeline:

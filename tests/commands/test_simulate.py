@@ -167,6 +167,24 @@ def test_rows_with_the_drive_off_are_said() -> None:
     assert simulate.off_words(recorded()) == []
 
 
+def test_a_ball_on_the_inner_hoop_is_no_free_run_of_one_that_rolls(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A third of the rows says where no outer hoop carries it: what stands there changes nothing."""
+    modes, psi = np.array([""] * 300, dtype="<U7"), recorded().psi.copy()
+    modes[100:200], psi[100:200] = "inner", np.pi
+    whole = replace(recorded(), psi=psi, source="up.mcap", extra={"ball_mode": modes})
+    told = simulate.off_words(whole)
+    assert told == [
+        "up.mcap: 108 rows were taken with the ball off the outer hoop (in the air, on the inner hoop, just back) and"
+        " do not count"
+    ]
+    monkeypatch.setattr(simulate, "read_recording", lambda *_, **__: whole)
+    found = result_of(monkeypatch, tmp_path, "--model", DEVICE, "--input", tmp_path / "up.mcap")
+    assert found["stretches"] == 2 and found["free_run"]["psi"]["nrmse_percent"] > 99.0
+    assert told[0] in found["notes"]
+
+
 def test_a_pause_of_the_recording_is_two_stretches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows that are missing for longer than the model is told a torque end a run, however long they are missing."""
     whole, path = recorded(), tmp_path / "pause.csv"

@@ -332,3 +332,18 @@ def test_an_input_that_never_moves_is_told():
     recording = spoiled.clean(1)
     notes = assess(replace(recording, u=np.zeros_like(recording.u))).notes
     assert any("is the same in all rows" in note for note in notes)
+
+
+def test_a_ball_off_the_outer_hoop_is_set_aside_and_told() -> None:
+    whole = spoiled.clean(2)
+    modes, psi = np.array([""] * len(whole), dtype="<U7"), whole.psi.copy()
+    modes[200:300], psi[200:300] = "inner", np.pi
+    up = replace(whole, psi=psi, extra={"ball_mode": modes})
+    found = source_of("up.mcap", up, shipped_plant())
+    t0, t1 = up.t[200], up.t[307]
+    assert (pytest.approx(t0), pytest.approx(t1), "the ball is off the outer hoop") in found.quality.segments
+    assert any("108 rows were taken with the ball off the outer hoop" in note for note in found.quality.notes)
+    assert len(found.stretches) == 2 and not any(
+        ((one.t > t0 - up.t[0] + 0.1) & (one.t < t1 - up.t[0] - 0.1)).any() for one in found.stretches
+    )
+    assert found.quality.channels["psi"].numbers["outliers"] <= 2

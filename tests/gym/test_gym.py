@@ -25,6 +25,7 @@ from hoopd.gym.hoop_env import HoopEnv
 from hoopd.gym.plant_env import PlantEnv
 from hoopd.gym.rig_env import RigEnv
 from hoopd.gym.tasks import CATCH_BONUS, FAILURE_COST, FLIGHT_S, TASKS, Moment, task_of
+from hoopd.plants.hoop.effects.contact_modes import AIR, INNER
 from hoopd.plants.hoop.effects.lift_off import LIFT_OFF
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
@@ -105,13 +106,36 @@ def test_the_torque_is_the_devices_and_a_hoop_that_turns_too_fast_ends_it() -> N
 
 
 def test_a_hoop_that_turns_too_fast_costs_as_a_failure_does() -> None:
-    env = PlantEnv("throw")
+    env, ticks = PlantEnv("throw"), 0
     env.reset(seed=1, options={"ball_rad": 0.05})
     over = False
     while not over:
         _, reward, over, _, info = env.step(np.array([0.7], np.float32))
-    assert "the hoop turned" in info["ended"] and -FAILURE_COST - 0.5 < reward <= -FAILURE_COST
+        ticks += 1
+    cost = task_of("throw").failure_cost(0.02 * ticks)
+    assert "the hoop turned" in info["ended"] and -cost - 0.5 < reward <= -cost
     env.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_no_failure_is_worth_more_than_doing_nothing(task: str) -> None:
+    env = PlantEnv(task)
+    idle, _ = played(env, lambda seen: np.zeros(1, np.float32), ball_rad=0.05)
+    wrecked, info = played(env, lambda seen: np.full(1, 0.7, np.float32), ball_rad=0.05)
+    env.close()
+    assert not info["success"] and wrecked < idle - 0.9 * FAILURE_COST
+
+
+@pytest.mark.parametrize("radius_m", [0.0445, 0.063, 0.074])
+def test_a_ball_on_the_top_of_any_inner_hoop_is_up(radius_m: float) -> None:
+    """Not one that is as near to the axis in the air."""
+    distance = (radius_m + 0.0104) / (0.0957 - 0.0104)
+
+    def succeeded(mode: str) -> bool:
+        judge = task_of("up").judge(0.02)
+        return any(judge.see(Moment(0.02 * k, 0.0, np.pi, 0.0, distance, 0.0, mode)).success for k in range(150))
+
+    assert succeeded(INNER) and not succeeded(AIR)
 
 
 def test_a_reward_is_of_the_torque_that_was_given() -> None:
@@ -141,7 +165,8 @@ def test_a_fault_of_the_rig_ends_the_try_and_costs_as_a_failure_does() -> None:
     env = RigEnv("bottom", sets=("sim.faults=[{kind: camera_stall, at_s: 1.0}]",))
     total, info = played(env, lambda seen: np.zeros(1, np.float32), ball_rad=0.1)
     assert "camera_lost" in str(info["ended"]) and env.rig.tick.mode is not Mode.RUNNING
-    assert -FAILURE_COST - 0.5 < total <= -FAILURE_COST
+    cost = task_of("bottom").failure_cost(cast("float", info["t"]))
+    assert -cost - 0.5 < total <= -cost + 1e-6
     env.close()
 
 
@@ -191,7 +216,30 @@ def test_what_cannot_be_meant_is_one_line() -> None:
         PlantEnv(effects={"nope": {}})
 
 
-@pytest.mark.parametrize("action", [[0.1, 0.2], [], 0.1, [float("nan")], "0.1"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"effects": {"hoop.coulomb_friction": None}},
+        {"effects": {"hoop.coulomb_friction": {"Fc": "0.01"}}},
+        {"effects": {3: {}}},
+        {"effects": [1]},
+        {"effects": []},
+        {"model": 3},
+    ],
+)
+@pytest.mark.parametrize("over", ["plant", "rig"])
+def test_physics_that_are_none_are_one_line(over: str, options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"^(effects|model): a "):
+        hoops.make("bottom", over, **options)
+
+
+@pytest.mark.parametrize("options", [[1], "x", 3])
+def test_options_of_a_reset_are_a_mapping(options: object) -> None:
+    with pytest.raises(ValueError, match="ball_rad alone"):
+        PlantEnv().reset(options=cast("Any", options))
+
+
+@pytest.mark.parametrize("action", [[0.1, 0.2], [], 0.1, [float("nan")], "0.1", ["0.1"], [0.1 + 1j], [None]])
 def test_an_action_is_one_torque(action: object) -> None:
     env = PlantEnv()
     env.reset(seed=0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hoopd.recording.recording import Recording, from_columns, from_signals
-from hoopd.recording.timeline import switch_times, timelines, usual_steps
+from hoopd.recording.timeline import off_the_hoop, off_the_hoop_words, switch_times, timelines, usual_steps
 
 NAN = float("nan")
 
@@ -153,3 +153,30 @@ def test_rows_nearer_than_two_instants_are_refused(step: float) -> None:
         timelines(from_signals(t, {"u": t}, {"y": t}))
     (part,) = timelines(from_signals(2e-6 * np.arange(1000.0), {"u": t}, {"y": t}))
     assert len(part.t) == 1000
+
+
+def flown(modes: list[str]) -> Recording:
+    whole = plain(len(modes))
+    return whole.replaced(extra={"ball_mode": np.array(modes)}, source="up.mcap")
+
+
+def test_rows_of_a_ball_off_the_outer_hoop_end_a_run() -> None:
+    """And eight ticks after it came back."""
+    modes = [""] * 10 + ["rolling"] * 10 + ["air"] * 3 + ["inner"] * 5 + ["air"] * 2 + ["rolling"] * 20 + [""] * 5
+    before, after = timelines(flown(modes))
+    assert np.allclose(before.t[[0, -1]], (0.0, 0.38)) and np.allclose(after.t[[0, -1]], (0.76, 1.08))
+    (words,) = off_the_hoop_words(flown(modes))
+    assert words.startswith("18 rows were taken with the ball off the outer hoop")
+
+
+def test_a_recording_whose_ball_never_left_the_hoop_is_read_as_it_was() -> None:
+    modes = [""] * 3 + ["rolling"] * 17
+    (line,) = timelines(flown(modes))
+    (same,) = timelines(plain(20))
+    assert np.array_equal(line.t, same.t) and np.array_equal(line.u, same.u)
+    assert not off_the_hoop(flown(modes)).any() and off_the_hoop_words(flown(modes)) == []
+
+
+def test_a_recording_of_the_inner_hoop_alone_is_one_line() -> None:
+    with pytest.raises(ValueError, match="no two rows in a row with time, torque, and the ball on the outer hoop"):
+        timelines(flown(["inner"] * 20))

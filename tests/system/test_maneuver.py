@@ -138,6 +138,9 @@ def test_without_the_suspended_row_the_tick_stops_the_ball(tmp_path: Path) -> No
     plan = msgspec.structs.replace(trajectory().plan, suspends=[])
     result = played(tmp_path, file=msgspec.structs.replace(trajectory(), plan=plan))
     assert result["outcome"] == "stopped: ball_runaway" and result["exit"] == 1
+    (attempt,) = result["attempts"]
+    assert "stopped, and not seen settling" in attempt["shortfalls"] and attempt["settled_s"] is None
+    assert attempt["turns"] == 0 and attempt["largest_angle_rad"] > 1.0 and attempt["least_contact"] is not None
 
 
 def test_a_maneuver_is_no_law_to_start_with(tmp_path: Path) -> None:

@@ -144,6 +144,7 @@ def test_after_an_attempt_that_is_worse_the_best_is_played_next(
     [
         ({"row": {"least_contact": -0.1, "success": False}}, "the ball left the hoop"),
         ({"row": {"turns": 1, "success": False}}, r"went round \+1 times"),
+        ({"row": {"turns": None, "least_contact": None, "success": False}}, "too little was recorded of it"),
         ({"outcome": "stopped: by the operator"}, "stopped: by the operator"),
     ],
 )

@@ -33,6 +33,8 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.fits.repeated_samples import HELD_COUNTS
 from hoopd.plants.recording_doubts import plant_doubts
 from hoopd.recording.recording import Recording
+from hoopd.recording.spans import spans
+from hoopd.recording.timeline import off_the_hoop, off_the_hoop_words
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -95,7 +97,9 @@ def assess(recording: Recording, plant: Plant) -> Quality:
     silent = _silent(whole, plant, moving, sensors) if judges.stops else []
     body, force = _body(plant), plant.input_word
     segments = [(*_span(whole, a, b), f"the {body} does not answer the {force}") for a, b in silent]
-    judged = _judged(whole, plant, sensors, inside(len(whole), silent))
+    flown = [(a, b - 1) for a, b in spans(off_the_hoop(whole))]
+    segments += [(*_span(whole, a, b), "the ball is off the outer hoop") for a, b in flown]
+    judged = _judged(whole, plant, sensors, inside(len(whole), [*silent, *flown]))
     channels = {name: _without_bursts(whole, channel, segments) for name, channel in judged.items()}
     for name in [name for name, one in sensors.items() if one.is_camera]:
         channels[name] = _rested(whole, channels[name], sensors)
@@ -111,6 +115,7 @@ def assess(recording: Recording, plant: Plant) -> Quality:
         jumps,
         [
             *plant_doubts(recording, plant),
+            *off_the_hoop_words(recording),
             *_told(clock(recording)),
             *_limited(recording, plant),
             *(note for name, one in sensors.items() if one.is_camera for note in _slow_camera(whole, channels[name])),

@@ -45,3 +45,32 @@ def test_the_outer_hoop_does_not_press_on_a_ball_that_rests_on_the_inner_one() -
     assert outcome.loose_s == pytest.approx(0.2) and outcome.least_contact == pytest.approx(-1.0)
     never_flew = judge_maneuver(run._replace(inner=t >= 0.4), TRACK_M, GRAVITY_M_S2)
     assert never_flew.loose_s == 0.0 and never_flew.least_contact == pytest.approx(1.0) and not never_flew.flew
+
+
+def stopped(at_s: float, *, seen: bool = True) -> ManeuverOutcome:
+    """Once round the hoop within a second; nothing is recorded from `at_s` on."""
+    t = np.arange(0.0, at_s, 0.02)
+    psi = 2.0 * np.pi * np.minimum(t, 1.0)
+    states = np.column_stack([0 * t, 0 * t, psi, np.where(t < 1.0, 2.0 * np.pi, 0.0)])
+    pictures = psi if seen else np.full(len(t), np.nan)
+    return judge_maneuver(RecordedManeuver(t, 0 * t, states, t, pictures, at_s), TRACK_M, GRAVITY_M_S2)
+
+
+def test_of_a_maneuver_that_was_stopped_what_was_played_is_judged() -> None:
+    half, whole = stopped(0.4), stopped(0.9)
+    assert half.turns == 0 and half.least_contact == pytest.approx(-0.386, abs=0.01)
+    assert half.largest_angle_rad == pytest.approx(2.39, abs=0.01) and np.isnan(half.settled_s)
+    assert whole.turns == 1 and whole.shortfalls("throw", 1, 6.3) == ("stopped, and not seen settling",)
+    assert "went round +0 times, not +1" in half.shortfalls("loop", 1, 6.3)
+
+
+def test_what_no_picture_shows_is_not_judged() -> None:
+    outcome = stopped(0.9, seen=False)
+    assert outcome.turns is None and outcome.shortfalls("loop", 1, 6.3) == ("too little was recorded of it",)
+
+
+def test_a_maneuver_of_which_no_picture_was_taken_until_it_had_ended_was_on_no_top() -> None:
+    t = np.arange(0.0, 2.0, 0.02)
+    pictures = np.where(t < 1.0, np.nan, 0.0)
+    run = RecordedManeuver(t, 0 * t, np.zeros((len(t), 4)), t, pictures, 0.9)
+    assert judge_maneuver(run, TRACK_M, GRAVITY_M_S2).top_s == 0.0

@@ -68,12 +68,13 @@ class ManeuverOutcome(NamedTuple):
 
     Attributes
     ----------
-    turns : int
-        Whole turns of the ball, as psi counts.
+    turns : int or None
+        Whole turns of the ball, as psi counts, to the bottom that the last picture is nearest to; None without any.
     least_contact : float
         Least force between (outer) hoop and ball while it was played, in weights of the ball.
     settled_s : float
-        After its end, until ball and hoop stay settled; infinite when they do not.
+        After its end, until ball and hoop stay settled; infinite when they do not, NaN where nothing after its end was
+        recorded with the law acting: it was stopped.
     range_rad : tuple of float
         Lowest and highest angle that the camera saw, from where it began.
     loose_s : float
@@ -84,7 +85,7 @@ class ManeuverOutcome(NamedTuple):
         How long the camera saw the ball near the top, for its longest time at once.
     """
 
-    turns: int
+    turns: int | None
     least_contact: float
     settled_s: float
     range_rad: tuple[float, float]
@@ -105,12 +106,12 @@ class ManeuverOutcome(NamedTuple):
     def shortfalls(self, kind: str, turn: int, planned_rad: float) -> tuple[str, ...]:
         """What a maneuver of this kind lacks to be one, `planned_rad` the largest angle of its plan; empty: it
         succeeded."""
+        if self.turns is None or isnan(self.least_contact):
+            return ("too little was recorded of it",)
         wanted = 0 if kind == "swing" else turn
         found = []
         if kind != "up" and self.turns != wanted:
             found.append(f"went round {self.turns:+d} times, not {wanted:+d}")
-        if isnan(self.least_contact):
-            return ("too little was recorded of it",)
         swung = self.range_rad[1] if turn > 0 else 0.0 - self.range_rad[0]
         if kind == "swing" and not swung >= LEAST_SWING_SHARE * planned_rad:
             found.append(f"swung by {swung:.2g} rad, not by {planned_rad:.2g}")
@@ -120,7 +121,9 @@ class ManeuverOutcome(NamedTuple):
             found.append(f"on the top for {self.top_s:.2f} s, not {LEAST_TOP_S:g}")
         if kind not in ("throw", "up") and not self.least_contact > 0.0:
             found.append(f"the contact was lost ({self.least_contact:.2f} of the ball's weight)")
-        if not self.settled_s <= SETTLE_WITHIN_S:
+        if isnan(self.settled_s):
+            found.append("stopped, and not seen settling")
+        elif not self.settled_s <= SETTLE_WITHIN_S:
             found.append(f"not settled within {SETTLE_WITHIN_S:g} s")
         return tuple(found)
 
@@ -179,12 +182,12 @@ def _rms(errors: Array) -> float:
 
 
 def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -> ManeuverOutcome:
-    """Judge one maneuver.
+    """Judge one maneuver, of one that was stopped what was played of it.
 
     Parameters
     ----------
     run : RecordedManeuver
-        From its first tick to the last one before the next.
+        From its first tick to the last one before the next, or to the one in which it was stopped.
     track_m : float
         Ro - Rb in m.
     gravity_m_s2 : float
@@ -202,23 +205,29 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     """
     played, after = run.t <= run.ended_t, run.t > run.ended_t
     ball = run.seen[np.isfinite(run.seen)]
-    if not ball.size or not after.any() or not played.any():
-        return ManeuverOutcome(0, nan, inf, (nan, nan), nan)
+    if not ball.size or not played.any():
+        return ManeuverOutcome(None, nan, nan, (nan, nan), nan)
     bottom = tau * round(float(ball[-1]) / tau)
     states = run.states[played]
     contact = (track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2
     if run.inner is not None:
         contact = np.where(run.inner[played], np.nan, contact)
-    off = np.abs(np.where(np.isfinite(run.seen), run.seen, run.states[:, 2]) - bottom) > SETTLED_RAD
-    restless = after & (off | (np.abs(run.states[:, 1]) > SETTLED_HOOP_RAD_S))
-    last = run.t[restless][-1] if restless.any() else run.ended_t
-    settled_s = float(last - run.ended_t) if last < run.t[-1] else inf
     turns = round((bottom - float(ball[0])) / tau)
     loose = _longest(run.t[played], contact < 0.0)
     near = nan if run.distance is None else float(np.fmin.reduce(run.distance[played]))
     seen = (float(ball.min() - ball[0]), float(ball.max() - ball[0]))
     least = float(np.fmin.reduce(contact))
-    return ManeuverOutcome(turns, least, settled_s, seen, loose, near, _on_top(run, played))
+    return ManeuverOutcome(turns, least, _settled_s(run, after, bottom), seen, loose, near, _on_top(run, played))
+
+
+def _settled_s(run: RecordedManeuver, after: NDArray[np.bool_], bottom: float) -> float:
+    """From its end until ball and hoop stay at a bottom, s."""
+    if not after.any():
+        return nan
+    off = np.abs(np.where(np.isfinite(run.seen), run.seen, run.states[:, 2]) - bottom) > SETTLED_RAD
+    restless = after & (off | (np.abs(run.states[:, 1]) > SETTLED_HOOP_RAD_S))
+    last = run.t[restless][-1] if restless.any() else run.ended_t
+    return float(last - run.ended_t) if last < run.t[-1] else inf
 
 
 def _on_top(run: RecordedManeuver, played: NDArray[np.bool_]) -> float:
@@ -230,6 +239,8 @@ def _on_top(run: RecordedManeuver, played: NDArray[np.bool_]) -> float:
 
 def _longest(t: Array, holds: NDArray[np.bool_]) -> float:
     """The longest time at once, s."""
+    if not t.size:
+        return 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
     after = np.append(t, t[-1])
     return max((float(after[end] - after[begin]) for begin, end in edges.reshape(-1, 2)), default=0.0)
