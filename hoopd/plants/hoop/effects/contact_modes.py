@@ -100,7 +100,9 @@ class ContactModes:
         # from within the outer track, from outside the inner one
         touching = of("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
         rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
-        lost, took_off = of("normal", z, track.normal_force(on)), of("off", z, self._took_off(z, on, track))
+        # what presses is gravity's part, too, wherever the frame leans to
+        pressed = track.normal_force(track.plant.point_to_gravity(z, named))
+        lost, took_off = of("normal", z, pressed), of("off", z, self._took_off(z, on, track))
         bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
             Transition(track.mode, AIR, lost, took_off),
