@@ -1,0 +1,35 @@
+"""Up: what its report says of the contact, and what may be asked of it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import msgspec
+import numpy as np
+import pytest
+
+from hoopd.files.model import InnerHoop
+from hoopd.files.shipped import defaults_folder
+from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
+from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
+from hoopd.plants.hoop.maneuver.trajectory import PlannedTrajectory, plan_trajectory, report_of
+from hoopd.plants.model_file import load_model
+
+HOOP = load_model(defaults_folder() / "models" / "hoop.yaml")
+INNER = msgspec.structs.replace(HOOP, device=msgspec.structs.replace(HOOP.device, inner=InnerHoop(0.0445)))
+LIMITS = MotionLimits(0.45, 40.0, 0.5, 0.6)
+
+
+@cache
+def up() -> PlannedTrajectory:
+    return plan_trajectory(INNER, ManeuverQuestion("up", LIMITS, hold_s=1.0))
+
+
+def test_the_contact_that_is_told_is_of_the_hoop_that_the_ball_is_on() -> None:
+    """Played without an error it is the plan's, which ends on the top with its whole weight on the inner hoop."""
+    planned, report = up(), report_of(up())
+    after = planned.contact[(planned.flight_ticks or (0, 0))[1] :]
+    assert after[-1] == pytest.approx(1.0)
+    assert planned.nominal.contact == pytest.approx(np.nanmin(planned.contact), abs=0.02)
+    told = [row["least_contact"] for row in report["sensitivity"].values()]
+    assert min(told) > -0.1 and report["sampled_least_contact"] > -0.1
