@@ -12,7 +12,8 @@ from hoopd.files.model import InnerHoop
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
-from hoopd.plants.hoop.maneuver.trajectory import PlannedTrajectory, plan_trajectory, report_of
+from hoopd.plants.hoop.maneuver.trajectory import PlannedTrajectory, plan_trajectory, report_of, trajectory_file
+from hoopd.plants.hoop.maneuver.up_planning import CATCH_CONTACT
 from hoopd.plants.model_file import load_model
 
 HOOP = load_model(defaults_folder() / "models" / "hoop.yaml")
@@ -33,3 +34,17 @@ def test_the_contact_that_is_told_is_of_the_hoop_that_the_ball_is_on() -> None:
     assert planned.nominal.contact == pytest.approx(np.nanmin(planned.contact), abs=0.02)
     told = [row["least_contact"] for row in report["sensitivity"].values()]
     assert min(told) > -0.1 and report["sampled_least_contact"] > -0.1
+
+
+def test_the_contact_that_is_reported_is_the_one_that_was_kept() -> None:
+    planned = up()
+    kept = trajectory_file(planned, "inner.yaml", "ab", "up").limits.contact
+    after = planned.contact[(planned.flight_ticks or (0, 0))[1] :]
+    assert kept == CATCH_CONTACT == 0.2 and after.min() >= kept - 1e-6
+
+
+@pytest.mark.parametrize("hold_s", [0.0, 0.2, 0.99, 8.1])
+def test_a_hold_that_is_no_success_is_no_question(hold_s: float) -> None:
+    with pytest.raises(ValueError, match="hold must be 1 to 8 s"):
+        ManeuverQuestion("up", LIMITS, hold_s=hold_s)
+    assert ManeuverQuestion("loop", LIMITS, hold_s=hold_s).hold_s == hold_s
