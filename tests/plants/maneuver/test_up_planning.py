@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from hoopd.files.model import InnerHoop
+from hoopd.files.model import EffectEntry, InnerHoop, Parameter
 from hoopd.files.shipped import defaults_folder
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
@@ -48,3 +48,12 @@ def test_a_hold_that_is_no_success_is_no_question(hold_s: float) -> None:
     with pytest.raises(ValueError, match="hold must be 1 to 8 s"):
         ManeuverQuestion("up", LIMITS, hold_s=hold_s)
     assert ManeuverQuestion("loop", LIMITS, hold_s=hold_s).hold_s == hold_s
+
+
+def test_feedback_holds_a_ball_on_the_top_whose_contact_has_dry_friction() -> None:
+    """Not with gains for the damping that the friction's smooth form has at rest."""
+    rubs = EffectEntry(name="ball.coulomb_friction", parameters={"Fc": Parameter(value=1e-4, unit="N m")})
+    model = msgspec.structs.replace(INNER, effects=[rubs])
+    planned = plan_trajectory(model, ManeuverQuestion("up", LIMITS, hold_s=1.0))
+    assert planned.gains[-1] == pytest.approx(up().gains[-1], rel=1e-9)
+    assert sum(one.arrived for one in planned.sampled) >= 38

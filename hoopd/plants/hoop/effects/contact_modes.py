@@ -73,7 +73,7 @@ class ContactModes:
         self.rolling = Composite(plant, effects, substeps=1)
         self.air = Composite(self._flying.plant, through, substeps=1)
         inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
-        self.inner = Composite(on_the_inner_hoop(plant, self._flying.contact), through, substeps=1) if inner else None
+        self.inner = self._on_inner(plant, effects) if inner else None
         slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
         self._mu, self._restitution = slip or effect.key("grip"), effect.key("restitution")
         tracks = [_Track(ROLLING, self.rolling, self._flying.contact, on_track, self._flying.normal_force, 1.0)]
@@ -85,6 +85,13 @@ class ContactModes:
             {ROLLING: self.rolling, **modes}, [one for track in tracks for one in self._transitions(track)]
         )
         self.normal = self.hybrid.of(ROLLING)[0].guard
+
+    def _on_inner(self, plant: Plant, effects: Sequence[Effect]) -> Composite:
+        """The plant of a ball on the inner hoop; what acts through the contact does so by that one's formulas."""
+        own = {one.name: one for one in self._flying.on_inner}
+        through = [own.get(one.name, one) for one in effects]
+        kept = [one for one in through if one.name in own or one.name not in self._flying.through_contact]
+        return Composite(on_the_inner_hoop(plant, self._flying.contact), kept, substeps=1)
 
     def _transitions(self, track: _Track) -> list[Transition]:
         """What ends on one track, and how a touch with it ends."""
@@ -145,6 +152,11 @@ class ContactModes:
         }
 
     @property
+    def through_contact(self) -> tuple[str, ...]:
+        """Names of what acts through a contact, and not in the air."""
+        return self._flying.through_contact
+
+    @property
     def shared(self) -> int:
         """States that rolling and flying plant begin with alike."""
         return self.air.nx - 4
@@ -165,10 +177,8 @@ class ContactCourse:
         self._inner_track = told.get(RADIUS, 0.0) + told["Rb"]
 
     def restart(self, z: Array, mode: str = ROLLING) -> None:
-        """Begin anew with a ball on the hoop, or on the inner one; `z` is of the hoop's."""
-        o = self._o
-        own = z if mode == ROLLING else np.concatenate([z[: o.shared], z[o.rolling.nx :]])
-        self._course.restart(mode, own)
+        """Begin anew with a ball on the hoop, or on the inner one, whose states are alike."""
+        self._course.restart(mode, z)
 
     @property
     def mode(self) -> str:
@@ -196,7 +206,7 @@ class ContactCourse:
 
     def seen(self) -> Array:
         """The state as the rolling plant has it."""
-        if self.rolls:
+        if not self.flies:
             return self.z
         o = self._o
         rolling, mode = np.zeros(o.rolling.nz), o.hybrid.modes[self.mode]

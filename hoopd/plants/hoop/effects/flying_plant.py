@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Point
+from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import ContactOf
 
 # A ball that flies through the axis has no direction: nearer than this (m) it keeps the one it had.
@@ -28,6 +28,7 @@ class FlyingPlant(NamedTuple):
     contact: ContactOf
     normal_force: Any
     through_contact: tuple[str, ...]  # effects that act through the contact
+    on_inner: tuple[Effect, ...]  # those of them that a contact with an inner hoop has, too, by its own formulas
 
 
 def in_the_air(plant: Plant, contact: ContactOf) -> Plant:
