@@ -20,6 +20,7 @@ finds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -71,7 +72,8 @@ class ContactModes:
         self._flying: FlyingPlant = effect.flight(plant)
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
-        self.air = Composite(self._flying.plant, through, substeps=1)
+        free = [_shaken(one, lambda s: s.distance) for one in through]
+        self.air = Composite(self._flying.plant, free, substeps=1)
         inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
         self.inner = self._on_inner(plant, effects) if inner else None
         slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
@@ -90,12 +92,13 @@ class ContactModes:
         """The plant of a ball on the inner hoop; what acts through the contact does so by that one's formulas."""
         own = {one.name: one for one in self._flying.on_inner}
         through = [own.get(one.name, one) for one in effects]
-        kept = [one for one in through if one.name in own or one.name not in self._flying.through_contact]
+        acting = (one for one in through if one.name in own or one.name not in self._flying.through_contact)
+        kept = [_shaken(one, inner_track) for one in acting]
         return Composite(on_the_inner_hoop(plant, self._flying.contact), kept, substeps=1)
 
     def _transitions(self, track: _Track) -> list[Transition]:
         """What ends on one track, and how a touch with it ends."""
-        p = ca.SX.sym("p", len(self.rolling.names))
+        p, t = ca.SX.sym("p", len(self.rolling.names)), ca.SX.sym("t")
         named = {name: p[i] for i, name in enumerate(self.rolling.names)}
         z, air = ca.SX.sym("z", track.plant.nz), ca.SX.sym("air", self.air.nz)
         on, off = track.plant.plant.point(z, named), self.air.plant.point(air, named)
@@ -104,12 +107,13 @@ class ContactModes:
         def of(name: str, state: Any, value: Any) -> ca.Function:
             return ca.Function(name, [state, p], [ca.densify(value)])
 
+        def guard(name: str, state: Any, value: Any) -> ca.Function:
+            return ca.Function(name, [state, p, t], [ca.densify(value)])
+
         # from within the outer track, from outside the inner one
-        touching = of("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
+        touching = guard("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
         rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
-        # what presses is gravity's part, too, wherever the frame leans to
-        pressed = track.normal_force(track.plant.point_to_gravity(z, named))
-        lost, took_off = of("normal", z, pressed), of("off", z, self._took_off(z, on, track))
+        lost, took_off = guard("normal", z, _pressed(track, z, named, t)), of("off", z, self._took_off(z, on, track))
         bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
             Transition(track.mode, AIR, lost, took_off),
@@ -160,6 +164,31 @@ class ContactModes:
     def shared(self) -> int:
         """States that rolling and flying plant begin with alike."""
         return self.air.nx - 4
+
+
+def _pressed(track: _Track, z: Any, p: Mapping[str, Any], t: Any) -> Any:
+    """What presses the ball on a track, N, wherever its frame leans to and however it is shaken."""
+    force, s = track.normal_force(track.plant.point_to_gravity(z, p, t)), track.plant.plant.point(z, p, 0.0, t)
+    for effect in track.plant.effects:
+        if effect.shaking is not None:
+            # + m a sin psi from within, - from outside
+            force += track.side * p["mb"] * effect.shaking(s, effect.values(p)) * ca.sin(s.psi)
+    return force
+
+
+def _shaken(effect: Effect, arm: Callable[[Point], Any]) -> Effect:
+    """The effect on a ball at such a distance from the axis; itself where it does not shake."""
+    shaking = effect.shaking
+    if shaking is None:
+        return effect
+
+    def push(s: Point, e: Any) -> dict[str, Any]:
+        # m a cos psi along the path, m a sin psi outwards where nothing holds the ball
+        across = s.p["mb"] * shaking(s, e)
+        along = {"psi": across * arm(s) * ca.cos(s.psi)}
+        return {**along, "distance": across * ca.sin(s.psi)} if "distance" in s else along
+
+    return replace(effect, force=push)
 
 
 def on_track(s: Point) -> Any:
