@@ -34,7 +34,7 @@ class TrackedRun(NamedTuple):
         Torques that were asked for, N m.
     contact : float
         Least force between the ball and the hoop that it is on, in weights of the ball; below zero it would have flown,
-        and of a ball that may, none counts of its flights.
+        and of a ball that may, none counts of its flights and of what came before them.
     flown_s : float
         Of a ball that may leave the hoop: its longest flight; 0 of one that may not.
     """
@@ -80,9 +80,13 @@ class PlanTracker:
             modes.append(course.mode)
             asked.append(u)
         played = np.array(seen)
-        flown = max((end - begin for begin, end in course.flights(len(inputs) * tick_s)), default=0.0)
-        contact = float(np.nanmin(contact_by_mode(played, modes, values)))
-        return TrackedRun(played, np.array(asked), contact, flown)
+        flights = course.flights(len(inputs) * tick_s)
+        flown = max((end - begin for begin, end in flights), default=0.0)
+        # a run-up ends where nothing presses the ball on: what counts is what comes after, where there is such
+        contact = contact_by_mode(played, modes, values)
+        later = contact[tick_s * np.arange(len(contact)) > min((begin for begin, _ in flights), default=-1.0)]
+        least = np.nanmin(later if np.isfinite(later).any() else contact)
+        return TrackedRun(played, np.array(asked), float(least), flown)
 
     def run(
         self,
