@@ -23,16 +23,19 @@ from hoopd.files.reading import InputError, read_text
 from hoopd.files.shipped import or_shipped, way_to
 from hoopd.files.trajectory import TrajectoryFile, maneuver_controller, parse_trajectory, trajectory_text
 from hoopd.files.whole_files import check_target, replace_file
-from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
+from hoopd.plants.hoop.maneuver.maneuver_question import UP, ManeuverQuestion
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 from hoopd.plants.hoop.maneuver.planning import InfeasibleError
 from hoopd.plants.hoop.maneuver.trajectory import PlannedTrajectory, plan_trajectory, trajectory_file
+from hoopd.plants.hoop.maneuver.up_planning import CATCH_CONTACT
 from hoopd.plants.model_file import parse_model
 
 BASE = Path("controllers/lqg.yaml")
 EXTENSIONS = (".yaml", ".yml")
 # Of the drive's torque feedback has a third, and where that cannot be, a seventh.
 TORQUES_NM = (0.45, 0.6)
+# Least force on the contact where nobody says it, in weights of the ball.
+USUAL_CONTACT = 0.5
 
 
 class PlannedFile(NamedTuple):
@@ -92,8 +95,11 @@ def _planned(model: ModelFile, options: TrajectoryOptions, torque_nm: float) -> 
     """InfeasibleError where there is none, InputError for a question without an answer."""
     if options.hoop_speed_rad_s >= (ends := Thresholds().hoop_speed_rad_s):
         raise InputError("--max-speed", "", f"must be below {ends:g} rad/s, where hoop_overspeed ends control")
+    if options.kind == UP and options.contact is not None:
+        raise InputError("--contact", "", f"cannot be told of up: its catch keeps {CATCH_CONTACT:g}")
     try:
-        limits = MotionLimits(torque_nm, options.hoop_speed_rad_s, options.contact, options.grip)
+        contact = USUAL_CONTACT if options.contact is None else options.contact
+        limits = MotionLimits(torque_nm, options.hoop_speed_rad_s, contact, options.grip)
         question = ManeuverQuestion(
             options.kind,
             limits,

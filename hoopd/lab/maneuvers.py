@@ -85,7 +85,7 @@ def trajectory(
     turn: int = 1,
     max_torque: float | None = None,
     max_speed: float = 40.0,
-    contact: float = 0.5,
+    contact: float | None = None,
     grip: float = 0.6,
 ) -> PlannedManeuver:
     """Plan a maneuver of the ball on a model, with the feedback that keeps it on its way.
@@ -111,8 +111,8 @@ def trajectory(
         Torque of the plan in N m, the rest is feedback's; 0.45, and 0.6 where nothing can be planned with that.
     max_speed : float
         Hoop speed of the plan in rad/s.
-    contact : float
-        Least force between hoop and ball, in weights of the ball.
+    contact : float, optional
+        Least force between hoop and ball, in weights of the ball; 0.5. Not of up.
     grip : float
         Friction coefficient that the contact may need, so that the ball rolls.
 

@@ -31,7 +31,8 @@ MOST_TRANSITIONS = 60
 
 @dataclass(frozen=True)
 class Transition:
-    """How one mode ends and another begins; functions of (state z of `source`, parameters p of the hybrid plant)."""
+    """How one mode ends and another begins; functions of (state z of `source`, parameters p of the hybrid plant), the
+    guard of the time t (s), too."""
 
     source: str
     target: str
@@ -49,7 +50,7 @@ class _ModeSteps:
         d, t, u, numbers = given[0], given[1], given[2 : 2 + c.nu], given[2 + c.nu :]
         named = {name: numbers[i] for i, name in enumerate(names)}
         after = ca.densify(c.step_expression(z, [u], ca.SX.zeros(c.nw), d, t, named))
-        least = ca.mmin(ca.vertcat(*(guard(after, numbers) for guard in guards))) if guards else ca.SX(1.0)
+        least = ca.mmin(ca.vertcat(*(guard(after, numbers, t + d) for guard in guards))) if guards else ca.SX(1.0)
         function = ca.Function("step", [z, given], [ca.densify(ca.vertcat(least, after))], {"cse": True})
         self._step, self._leap = Call(function), Call(_repeated(function, LEAP_STEPS))
 
@@ -92,8 +93,8 @@ class HybridPlant:
     >>> import casadi as ca
     >>> from hoopd.plants.declaration import Plant
     >>> fall = Plant("fall", ("y",), lambda s, force: -s.p["g"] + 0 * force, values={"g": 9.81})
-    >>> z, p = ca.SX.sym("z", 2), ca.SX.sym("p", 1)
-    >>> floor = Transition("air", "air", ca.Function("guard", [z, p], [z[0]]),
+    >>> z, p, t = ca.SX.sym("z", 2), ca.SX.sym("p", 1), ca.SX.sym("t")
+    >>> floor = Transition("air", "air", ca.Function("guard", [z, p, t], [z[0]]),
     ...     ca.Function("reset", [z, p], [ca.vertcat(0.0, -0.5 * z[1])]))
     >>> course = HybridCourse(HybridPlant({"air": Composite(fall, substeps=1)}, [floor]), {}, "air", [1.0, 0.0])
     >>> course.advance(0.0, 0.5, 0.0)
@@ -186,7 +187,7 @@ class HybridCourse:
     def _change(self, z: Array, t: float) -> None:
         """By the first transition whose guard is over and that applies."""
         for one in self.plant.of(self.mode):
-            over = float(one.guard(z, self.p)) <= 0.0
+            over = float(one.guard(z, self.p, t)) <= 0.0
             if over and (one.applies is None or float(one.applies(z, self.p)) > 0.0):
                 self.mode, self.z = one.target, one.reset(z, self.p).full().ravel()
                 self.changes.append(ModeChange(t, one.source, one.target, self.z))

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Effect
+from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.integration_step import USUAL_S, HoldingForces, Motion, StageTorques, joined, split_inputs
 
 Array = NDArray[np.float64]
@@ -200,6 +200,16 @@ class Composite:
             seen = (self._seen(channel, before), self._seen(channel, x))
             tail = [*tail, _low_pass_undone(reading, *seen, h, time, self._shortest_s)]
         return ca.vertcat(before, *tail)
+
+    def point_to_gravity(self, z: Any, p: Mapping[str, Any], t: Any = 0.0) -> Point:
+        """The point of a state as gravity sees it: with what effects add to its coordinates there."""
+        s = self.plant.point(z, p, 0.0, t)
+        seen = s
+        for effect in self.effects:
+            if effect.shift is not None:
+                added = effect.shift(s, effect.values(p))
+                seen = seen.replaced(**{q: getattr(seen, q) + more for q, more in added.items()})
+        return seen
 
     # ------------------------------------------------------------------------------------------ functions
 

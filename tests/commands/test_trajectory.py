@@ -59,6 +59,11 @@ REFUSED = {
     "a way that is none": (["loop", *MODEL, "--turn", "2"], "turn must be 1 or -1, not 2"),
     "no contact": (["loop", *MODEL, "--contact", "1.5"], "contact must be from 0 to below 1"),
     "too little torque": (["loop", *MODEL, "--max-torque", "0.05", "--seconds", "1.4"], "it would exceed torque by"),
+    "a contact that up does not keep": (
+        ["up", *MODEL, "--contact", "0.9"],
+        "--contact: cannot be told of up",
+    ),
+    "a hold that is no success": (["up", *MODEL, "--hold", "0.9"], "hold must be 1 to 8 s, not 0.9"),
     "a speed at which control ends": (["loop", *MODEL, "--max-speed", "60"], "--max-speed: must be below 60 rad/s"),
     "no file of that kind": (["loop", *MODEL, "--out", "loop.txt"], "--out: must end in .yaml or .yml"),
     "a law of nothing": (["loop", *MODEL, "--controller", "controllers/lqg.yaml"], "goes with --law"),

@@ -57,12 +57,13 @@ class TrajectoryOptions:
     flight_s: float = option(
         "--flight", text="throw: how long the ball is in the air, in s; whole ticks, 0.06 to 0.22.", default=0.18
     )
-    hold_s: float = option("--hold", text="up: how long the ball is held on the top, in s.", default=3.0)
+    hold_s: float = option("--hold", text="up: how long the ball is held on the top, in s; 1 to 8.", default=3.0)
     turn: int = option("--turn", text="1 or -1: which way round, as the angle counts.", default=1)
     torque_nm: float | None = torque_option()
     hoop_speed_rad_s: float = speed_limit_option()
-    contact: float = option(
-        "--contact", text="Least force between hoop and ball, in weights of the ball (below 0 it flies).", default=0.5
+    contact: float | None = option(
+        "--contact",
+        text="Least force between hoop and ball, in weights of the ball (below 0 it flies); 0.5. Not of up.",
     )
     grip: float = option(
         "--grip", min=0.01, text="Friction coefficient that the contact may need, so that the ball rolls.", default=0.6

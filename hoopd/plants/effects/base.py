@@ -159,6 +159,8 @@ class Effect:
     force: Callable[[Point, Values], Mapping[str, Any]] | None = None  # generalised forces by coordinate
     friction: DryFriction | None = None
     shift: Callable[[Point, Values], Mapping[str, Any]] | None = None  # added to a coordinate as gravity sees it
+    # of a force by which the frame moves: the acceleration (m/s2) across that everything in it feels
+    shaking: Callable[[Point, Values], Any] | None = None
     plant: Callable[[Any], Any] | None = None  # another plant in its place (one with a state more)
     flight: Callable[[Any], Any] | None = None  # the plant while its contact is lost
     free_run: Callable[..., Any] | None = None  # in place of `FreeRun`, where it changes modes

@@ -47,15 +47,15 @@ def _of(modes: ContactModes, found: FoundEffects, mode: str, z: Array) -> tuple[
     """Energy and momentum: those of hoop, of the ball's path and of its spin, which on a track is that of rolling."""
     v, plant = found.values, modes.hybrid.modes[mode].plant
     s = plant.point(ca.DM(z[: len(plant.states)]), v)
+    slip = float(s.dslip) if "slip" in s else 0.0
     inner = v.get("ball.inner_hoop.radius", 0.0)
     if mode == AIR:
         distance, across, spin = float(s.distance), float(s.ddistance), float(s.dspin)
-    elif mode == INNER:  # Rb w = (Ri+Rb) psi' - Ri theta'
+    elif mode == INNER:  # Rb w = (Ri+Rb) psi' - Ri theta' - Rb slip'
         distance, across = inner + v["Rb"], 0.0
-        spin = float(distance * s.dpsi - inner * s.dtheta) / v["Rb"]
+        spin = float(distance * s.dpsi - inner * s.dtheta) / v["Rb"] - slip
     else:  # Rb w = Ro theta' - (Ro-Rb) psi' - Rb slip'
         distance, across = v["Ro"] - v["Rb"], 0.0
-        slip = float(s.dslip) if "slip" in s else 0.0
         spin = float(v["Ro"] * s.dtheta - distance * s.dpsi) / v["Rb"] - slip
     dtheta, along = float(s.dtheta), distance * float(s.dpsi)
     kinetic = v["Ih"] * dtheta**2 + v["mb"] * (along**2 + across**2) + v["Ib"] * spin**2

@@ -5,6 +5,7 @@ Rules of this file: one function an effect; its equation stands above the line t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -12,9 +13,9 @@ import casadi as ca
 from hoopd.plants.declaration import Plant, Slot
 from hoopd.plants.effects.base import DryFriction, Effect, EffectParameter, Point
 from hoopd.plants.effects.usual_sizes import named, of_kind
-from hoopd.plants.hoop.effects.inner_hoop import inner_hoop
+from hoopd.plants.hoop.effects.ball_track import INNER_TRACK, OUTER_TRACK, BallTrack
+from hoopd.plants.hoop.effects.inner_hoop import inner_contact, inner_hoop
 from hoopd.plants.hoop.effects.lift_off import lift_off
-from hoopd.plants.hoop.effects.normal_force import normal_force
 from hoopd.plants.hoop.effects.slip import slip
 
 
@@ -27,24 +28,32 @@ def effects(plant: Plant) -> tuple[Effect, ...]:
 
 
 def _of_slot(plant: Plant, name: str, slot: Slot) -> tuple[Effect, ...]:
-    every = (_coulomb(plant, name), _rolling_resistance(name), _drag(name))
+    every = (_coulomb(plant, name, OUTER_TRACK), _rolling_resistance(name, OUTER_TRACK), _drag(name))
     if slot.data is None:
         return every
-    return (*every, slip(plant, name, slot.data), lift_off(name, slot.data), inner_hoop(name))
+    on_inner = (
+        _coulomb(plant, name, INNER_TRACK),
+        _rolling_resistance(name, INNER_TRACK),
+        slip(plant, name, inner_contact(slot.data), INNER_TRACK),
+    )
+    return (*every, slip(plant, name, slot.data), lift_off(name, slot.data, on_inner), inner_hoop(name))
 
 
-def _along(s: Point) -> dict[str, Any]:
-    # phi' = (Ro/Rb) (theta' - psi')
-    ratio = s.p["Ro"] / s.p["Rb"]
-    return {"theta": ratio, "psi": -ratio}
+def _along(track: BallTrack) -> Callable[[Point], dict[str, Any]]:
+    def along(s: Point) -> dict[str, Any]:
+        # phi' = (radius/Rb) (theta' - psi')
+        ratio = track.radius(s) / s.p["Rb"]
+        return {"theta": ratio, "psi": -ratio}
+
+    return along
 
 
-def _coulomb(plant: Plant, name: str) -> Effect:
+def _coulomb(plant: Plant, name: str, track: BallTrack) -> Effect:
     return Effect(
         f"{name}.coulomb_friction",
         (EffectParameter("Fc", "N m", 0.0, 0.0, 1e-3, grid=(3e-5,)),),
         # torque -Fc sign(phi') conjugate to the rolling rate
-        friction=DryFriction(lambda s, e: e.Fc, _along),
+        friction=DryFriction(lambda s, e: e.Fc, _along(track)),
         depends_on=("dtheta", "dpsi"),
         near=(f"{name}.rolling_resistance", *named(plant, "body", "coulomb_friction", "theta")),
         formula="-Fc sign(phi'), phi' = (Ro/Rb) (theta' - psi')",
@@ -56,12 +65,12 @@ def _coulomb(plant: Plant, name: str) -> Effect:
     )
 
 
-def _rolling_resistance(name: str) -> Effect:
+def _rolling_resistance(name: str, track: BallTrack) -> Effect:
     return Effect(
         f"{name}.rolling_resistance",
         (EffectParameter("r", "m", 0.0, 0.0, 2e-3, grid=(5e-5,)),),
         # Fc = r N
-        friction=DryFriction(lambda s, e: e.r * normal_force(s), _along),
+        friction=DryFriction(lambda s, e: e.r * track.normal_force(s), _along(track)),
         depends_on=("dtheta", "dpsi", "psi"),
         near=(f"{name}.coulomb_friction",),
         formula="-r N sign(phi'), N = m ((Ro-Rb) psi'^2 + g cos psi)",

@@ -20,6 +20,7 @@ finds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -71,9 +72,10 @@ class ContactModes:
         self._flying: FlyingPlant = effect.flight(plant)
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
-        self.air = Composite(self._flying.plant, through, substeps=1)
+        free = [_shaken(one, lambda s: s.distance) for one in through]
+        self.air = Composite(self._flying.plant, free, substeps=1)
         inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
-        self.inner = Composite(on_the_inner_hoop(plant, self._flying.contact), through, substeps=1) if inner else None
+        self.inner = self._on_inner(plant, effects) if inner else None
         slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
         self._mu, self._restitution = slip or effect.key("grip"), effect.key("restitution")
         tracks = [_Track(ROLLING, self.rolling, self._flying.contact, on_track, self._flying.normal_force, 1.0)]
@@ -86,9 +88,17 @@ class ContactModes:
         )
         self.normal = self.hybrid.of(ROLLING)[0].guard
 
+    def _on_inner(self, plant: Plant, effects: Sequence[Effect]) -> Composite:
+        """The plant of a ball on the inner hoop; what acts through the contact does so by that one's formulas."""
+        own = {one.name: one for one in self._flying.on_inner}
+        through = [own.get(one.name, one) for one in effects]
+        acting = (one for one in through if one.name in own or one.name not in self._flying.through_contact)
+        kept = [_shaken(one, inner_track) for one in acting]
+        return Composite(on_the_inner_hoop(plant, self._flying.contact), kept, substeps=1)
+
     def _transitions(self, track: _Track) -> list[Transition]:
         """What ends on one track, and how a touch with it ends."""
-        p = ca.SX.sym("p", len(self.rolling.names))
+        p, t = ca.SX.sym("p", len(self.rolling.names)), ca.SX.sym("t")
         named = {name: p[i] for i, name in enumerate(self.rolling.names)}
         z, air = ca.SX.sym("z", track.plant.nz), ca.SX.sym("air", self.air.nz)
         on, off = track.plant.plant.point(z, named), self.air.plant.point(air, named)
@@ -97,10 +107,13 @@ class ContactModes:
         def of(name: str, state: Any, value: Any) -> ca.Function:
             return ca.Function(name, [state, p], [ca.densify(value)])
 
+        def guard(name: str, state: Any, value: Any) -> ca.Function:
+            return ca.Function(name, [state, p, t], [ca.densify(value)])
+
         # from within the outer track, from outside the inner one
-        touching = of("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
+        touching = guard("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
         rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
-        lost, took_off = of("normal", z, track.normal_force(on)), of("off", z, self._took_off(z, on, track))
+        lost, took_off = guard("normal", z, _pressed(track, z, named, t)), of("off", z, self._took_off(z, on, track))
         bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
             Transition(track.mode, AIR, lost, took_off),
@@ -143,9 +156,39 @@ class ContactModes:
         }
 
     @property
+    def through_contact(self) -> tuple[str, ...]:
+        """Names of what acts through a contact, and not in the air."""
+        return self._flying.through_contact
+
+    @property
     def shared(self) -> int:
         """States that rolling and flying plant begin with alike."""
         return self.air.nx - 4
+
+
+def _pressed(track: _Track, z: Any, p: Mapping[str, Any], t: Any) -> Any:
+    """What presses the ball on a track, N, wherever its frame leans to and however it is shaken."""
+    force, s = track.normal_force(track.plant.point_to_gravity(z, p, t)), track.plant.plant.point(z, p, 0.0, t)
+    for effect in track.plant.effects:
+        if effect.shaking is not None:
+            # + m a sin psi from within, - from outside
+            force += track.side * p["mb"] * effect.shaking(s, effect.values(p)) * ca.sin(s.psi)
+    return force
+
+
+def _shaken(effect: Effect, arm: Callable[[Point], Any]) -> Effect:
+    """The effect on a ball at such a distance from the axis; itself where it does not shake."""
+    shaking = effect.shaking
+    if shaking is None:
+        return effect
+
+    def push(s: Point, e: Any) -> dict[str, Any]:
+        # m a cos psi along the path, m a sin psi outwards where nothing holds the ball
+        across = s.p["mb"] * shaking(s, e)
+        along = {"psi": across * arm(s) * ca.cos(s.psi)}
+        return {**along, "distance": across * ca.sin(s.psi)} if "distance" in s else along
+
+    return replace(effect, force=push)
 
 
 def on_track(s: Point) -> Any:
@@ -163,10 +206,8 @@ class ContactCourse:
         self._inner_track = told.get(RADIUS, 0.0) + told["Rb"]
 
     def restart(self, z: Array, mode: str = ROLLING) -> None:
-        """Begin anew with a ball on the hoop, or on the inner one; `z` is of the hoop's."""
-        o = self._o
-        own = z if mode == ROLLING else np.concatenate([z[: o.shared], z[o.rolling.nx :]])
-        self._course.restart(mode, own)
+        """Begin anew with a ball on the hoop, or on the inner one, whose states are alike."""
+        self._course.restart(mode, z)
 
     @property
     def mode(self) -> str:
@@ -194,7 +235,7 @@ class ContactCourse:
 
     def seen(self) -> Array:
         """The state as the rolling plant has it."""
-        if self.rolls:
+        if not self.flies:
             return self.z
         o = self._o
         rolling, mode = np.zeros(o.rolling.nz), o.hybrid.modes[self.mode]

@@ -68,7 +68,7 @@ class FlightRun(FreeRun):
         """States after the first of the nodes, as far as the ball is pressed on the hoop well."""
         ahead = self._forward(values, z, nodes[: AHEAD + 1], t, u)
         p = self._modes.rolling.vector(values)
-        normal = np.asarray(self._modes.normal(ahead.T, p)).ravel()
+        normal = np.asarray(self._modes.normal(ahead.T, p, nodes[None, : len(ahead)])).ravel()
         loose = np.flatnonzero(~(normal > PRESSED * p[self._modes.rolling.names.index("mb")]))
         return ahead[1 : loose[0] if loose.size else None]
 

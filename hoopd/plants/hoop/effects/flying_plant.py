@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from hoopd.plants.declaration import Plant
-from hoopd.plants.effects.base import Point
+from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import ContactOf
 
 # A ball that flies through the axis has no direction: nearer than this (m) it keeps the one it had.
 NEAREST_M = 1e-3
+# What a ball in the air has beyond one that rolls.
+FREE = ("spin", "distance")
 
 
 class FlyingPlant(NamedTuple):
@@ -28,6 +30,7 @@ class FlyingPlant(NamedTuple):
     contact: ContactOf
     normal_force: Any
     through_contact: tuple[str, ...]  # effects that act through the contact
+    on_inner: tuple[Effect, ...]  # those of them that a contact with an inner hoop has, too, by its own formulas
 
 
 def in_the_air(plant: Plant, contact: ContactOf) -> Plant:
@@ -35,14 +38,16 @@ def in_the_air(plant: Plant, contact: ContactOf) -> Plant:
     bodies = [slot for slot in plant.slots.values() if slot.kind == "body" and slot.coordinate == "theta"]
 
     def accelerations(s: Point, force: Any) -> Any:
-        c, on = contact(s), dict(zip(plant.coordinates, ca.vertsplit(force)[: len(plant.coordinates)], strict=True))
+        c, on = contact(s), dict(zip((*plant.coordinates, *FREE), ca.vertsplit(force), strict=True))
         r = ca.fmax(s.distance, NEAREST_M)
-        # Ih theta'' = tau - bh theta';  m r^2 psi'' = -m g r sin psi - 2 m r r' psi';  r'' = r psi'^2 + g cos psi
+        # Ih theta'' = tau - bh theta';  m r^2 psi'' = -m g r sin psi - 2 m r r' psi';
+        # r'' = r psi'^2 + g cos psi + F/m
         found = []
         if "theta" in on:
             drag = sum(slot.viscous(s) for slot in bodies if slot.viscous is not None)
             found.append((on["theta"] - drag * s.dtheta) / c.theta_inertia)
         found.append(on["psi"] / (s.p["mb"] * r**2) - (s.p["g"] * ca.sin(s.psi) + 2 * s.ddistance * s.dpsi) / r)
-        return ca.vertcat(*found, 0.0, s.distance * s.dpsi**2 + s.p["g"] * ca.cos(s.psi))
+        outwards = s.distance * s.dpsi**2 + s.p["g"] * ca.cos(s.psi) + on["distance"] / s.p["mb"]
+        return ca.vertcat(*found, 0.0, outwards)
 
-    return replace(plant, coordinates=(*plant.coordinates, "spin", "distance"), accelerations=accelerations)
+    return replace(plant, coordinates=(*plant.coordinates, *FREE), accelerations=accelerations)

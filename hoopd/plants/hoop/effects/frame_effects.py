@@ -56,6 +56,7 @@ def _vibration(name: str) -> Effect:
             phase(per_recording=True),
         ),
         force=push,
+        shaking=lambda s, e: e.A * ca.sin(e.w * s.t + e.phi),
         found_by="scan",
         depends_on=("t",),
         formula="m (Ro-Rb) A sin(w t + phi) cos psi",

@@ -16,8 +16,9 @@ LIFT_OFF = "ball.lift_off"  # of the hoop's own ball
 ALWAYS_ROLLS = 1e3
 
 
-def lift_off(name: str, contact: ContactOf) -> Effect:
-    """The effect of a rolling ball's slot; a switch: in a set of effects it is on, whatever its numbers."""
+def lift_off(name: str, contact: ContactOf, on_inner: tuple[Effect, ...] = ()) -> Effect:
+    """The effect of a rolling ball's slot; a switch: in a set of effects it is on, whatever its numbers;
+    `on_inner`: what acts through a contact with an inner hoop."""
     gone = tuple(f"{name}.{effect}" for effect in ("coulomb_friction", "rolling_resistance", "slip", "lift_off"))
     return Effect(
         f"{name}.lift_off",
@@ -28,7 +29,7 @@ def lift_off(name: str, contact: ContactOf) -> Effect:
             # effect's mu counts); a plant that only rolls has rolling at once where the ball stays
             EffectParameter("grip", "-", ALWAYS_ROLLS, 0.02, ALWAYS_ROLLS, "shape", geometric(0.02, 0.5, 8)),
         ),
-        flight=lambda plant: FlyingPlant(in_the_air(plant, contact), contact, signed_normal_force, gone),
+        flight=lambda plant: FlyingPlant(in_the_air(plant, contact), contact, signed_normal_force, gone, on_inner),
         free_run=FlightRun,
         found_by="switch",
         depends_on=("psi", "dpsi"),

@@ -43,6 +43,8 @@ UNKNOWN_SHARE = 0.5
 RISING_S = 1e-3
 # A passage that hardly crosses its guard has no time of its own.
 LEAST_RATE = 1e-9
+# No effect of a filter's follows the time.
+UNTIMED = 0.0
 
 
 def ball_modes(found: FoundEffects, inside: FoundEffects, rolling: Step) -> BallModes:
@@ -107,7 +109,7 @@ class _Made:
         return Passage(transition.target, guard, self._jump(transition, timed=True), applying)
 
     def _guard(self, transition: Transition, z: Any, u: Any) -> Any:
-        value = transition.guard(z, self._p)
+        value = transition.guard(z, self._p, UNTIMED)
         if transition.source != AIR:
             return value
         return ca.fmax(value, RISING_S * ca.jacobian(value, z) @ self._rate(AIR, z, u))
@@ -115,7 +117,7 @@ class _Made:
     def _jump(self, transition: Transition, *, timed: bool) -> _Jump:
         """(x, u) -> state after, saltation matrix, and what a touch leaves unknown."""
         z, u = self._state(transition.source), ca.SX.sym("u")
-        after, guard = transition.reset(z, self._p), transition.guard(z, self._p)
+        after, guard = transition.reset(z, self._p), transition.guard(z, self._p, UNTIMED)
         by = ca.jacobian(after, z)
         if timed:
             slope, rate = ca.jacobian(guard, z), self._rate(transition.source, z, u)

@@ -23,6 +23,7 @@ from hoopd.plants.hoop.equations import runge_kutta
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits, both_ways
 from hoopd.plants.hoop.maneuver.planning_model import FRICTION_WIDTH, PlanningModel, flying_model
 from hoopd.plants.numeric_plant import FILTER_STEPS
+from hoopd.plants.plant_with_effects import Composite
 
 Array = NDArray[np.float64]
 
@@ -62,14 +63,25 @@ class InnerModel:
     @cached_property
     def rate(self) -> ca.Function:
         """(x, u) -> dx/dt."""
+        return self._rate_with(self._composite)
+
+    @cached_property
+    def _feedback_rate(self) -> ca.Function:
+        """The same of a ball that rolls freely: at rest the smooth form of its dry friction is a damping that no ball
+        has, on which a law that holds it on the top would rely."""
+        c, contact = self._composite, self.modes.through_contact
+        free = [one for one in c.effects if one.name not in contact]
+        return self._rate_with(Composite(c.declared, free))
+
+    def _rate_with(self, composite: Composite) -> ca.Function:
         x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
-        rate = self._composite.smooth_rate_expression(x, u, 0.0, self._p, FRICTION_WIDTH)
+        rate = composite.smooth_rate_expression(x, u, 0.0, self._p, FRICTION_WIDTH)
         return ca.Function("rate", [x, u], [ca.densify(rate)])
 
     def step(self, tick_s: float) -> ca.Function:
-        """(x, u) -> state after a tick, its derivatives by x and u."""
+        """(x, u) -> state after a tick, its derivatives by x and u, for feedback."""
         x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
-        after = runge_kutta(lambda y: self.rate(y, u), x, ca.SX(tick_s), 2 * FILTER_STEPS)
+        after = runge_kutta(lambda y: self._feedback_rate(y, u), x, ca.SX(tick_s), 2 * FILTER_STEPS)
         return ca.Function(
             "step", [x, u], [ca.densify(one) for one in (after, ca.jacobian(after, x), ca.jacobian(after, u))]
         )

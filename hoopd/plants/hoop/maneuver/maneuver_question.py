@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.collocation import MotionEnds
+from hoopd.plants.hoop.maneuver.judgement import LEAST_TOP_S
 from hoopd.plants.hoop.maneuver.motion_limits import MotionLimits
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ class ManeuverQuestion:
     flight_s : float
         Of a throw: how long the ball is in the air, whole ticks.
     hold_s : float
-        Up: how long the ball is held on the top.
+        Up: how long the ball is held on the top; at least as long as it has to be there to have arrived.
     """
 
     kind: str
@@ -68,8 +69,8 @@ class ManeuverQuestion:
             raise ValueError(f"flight must be whole ticks of {self.tick_s:g} s, not {self.flight_s:g}")
         if self.kind in (THROW, UP) and self.seconds is not None:
             raise ValueError("seconds cannot be told of a throw: its parts take the time that suits them")
-        if self.kind == UP and not 0.0 < self.hold_s <= LONGEST_HOLD_S:
-            raise ValueError(f"hold must be above 0 and at most {LONGEST_HOLD_S:g} s, not {self.hold_s:g}")
+        if self.kind == UP and not LEAST_TOP_S <= self.hold_s <= LONGEST_HOLD_S:
+            raise ValueError(f"hold must be {LEAST_TOP_S:g} to {LONGEST_HOLD_S:g} s, not {self.hold_s:g}")
         if self.seconds is not None and not 10 * self.tick_s <= self.seconds <= LONGEST_S:
             raise ValueError(f"seconds must be {10 * self.tick_s:g} to {LONGEST_S:g}, not {self.seconds:g}")
 

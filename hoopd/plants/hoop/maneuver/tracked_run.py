@@ -7,7 +7,7 @@ Rules of this file: one run, and what it says of the contact and the end; nothin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoopd.plants.found_effects import FoundEffects
-from hoopd.plants.hoop.effects.contact_modes import ContactCourse, ContactModes
+from hoopd.plants.hoop.effects.contact_modes import INNER, ROLLING, ContactCourse, ContactModes
+from hoopd.plants.hoop.effects.inner_hoop import RADIUS
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel, flying_model
 from hoopd.plants.plant_with_effects import Composite
 
@@ -32,7 +33,8 @@ class TrackedRun(NamedTuple):
     inputs : ndarray, shape (n,)
         Torques that were asked for, N m.
     contact : float
-        Least force between hoop and ball in weights of the ball; below zero it would have flown.
+        Least force between the ball and the hoop that it is on, in weights of the ball; below zero it would have flown,
+        and of a ball that may, none counts of its flights and of what came before them.
     flown_s : float
         Of a ball that may leave the hoop: its longest flight; 0 of one that may not.
     """
@@ -70,15 +72,21 @@ class PlanTracker:
         """Play a plan with a ball that leaves the hoop where nothing holds it; arguments as of `run`."""
         values = {**self._model_flies.values, **(changes or {})}
         course = ContactCourse(self._modes, values, self._modes.rolling.beginning(states[0]))
-        seen, asked = [course.seen()[:4]], []
+        seen, modes, asked = [course.seen()[:4]], [course.mode], []
         for k, (torque, gain) in enumerate(zip(inputs, gains, strict=True)):
             u = float(np.clip(torque - gain @ (seen[-1] - states[k]), -limit_nm, limit_nm))
             course.advance(u, tick_s, k * tick_s)
             seen.append(course.seen()[:4])
+            modes.append(course.mode)
             asked.append(u)
         played = np.array(seen)
-        flown = max((end - begin for begin, end in course.flights(len(inputs) * tick_s)), default=0.0)
-        return TrackedRun(played, np.array(asked), float(contact_along(played, values).min()), flown)
+        flights = course.flights(len(inputs) * tick_s)
+        flown = max((end - begin for begin, end in flights), default=0.0)
+        # a run-up ends where nothing presses the ball on: what counts is what comes after, where there is such
+        contact = contact_by_mode(played, modes, values)
+        later = contact[tick_s * np.arange(len(contact)) > min((begin for begin, _ in flights), default=-1.0)]
+        least = np.nanmin(later if np.isfinite(later).any() else contact)
+        return TrackedRun(played, np.array(asked), float(least), flown)
 
     def run(
         self,
@@ -115,8 +123,29 @@ class PlanTracker:
         return TrackedRun(played, np.array(asked), float(contact_along(played, values).min()))
 
 
+def contact_by_mode(states: Array, modes: Sequence[str], values: Mapping[str, float]) -> Array:
+    """N / (m g) of the hoop that the ball is on at each state (n, 4); NaN in the air.
+
+    Examples
+    --------
+    At rest on the top of the inner hoop its whole weight presses it on:
+
+    >>> import numpy as np
+    >>> from hoopd.plants.hoop.maneuver.tracked_run import contact_by_mode
+    >>> values = {"Ro": 0.0957, "Rb": 0.0104, "g": 9.81, "ball.inner_hoop.radius": 0.0445}
+    >>> contact_by_mode(np.array([[0, 0, np.pi, 0]]), ["inner"], values).tolist()
+    [1.0]
+    """
+    # inner: -((Ri+Rb) psi'^2 + g cos psi) / g
+    track = values.get(RADIUS, 0.0) + values["Rb"]
+    with np.errstate(over="ignore", invalid="ignore"):
+        inner = -(track * states[:, 3] ** 2 + values["g"] * np.cos(states[:, 2])) / values["g"]
+    kinds = np.array(modes)
+    return np.where(kinds == ROLLING, contact_along(states, values), np.where(kinds == INNER, inner, np.nan))
+
+
 def contact_along(states: Array, values: Mapping[str, float]) -> Array:
-    """N / (m g) along states (n, 4): ((Ro-Rb) psi'^2 + g cos psi) / g.
+    """N / (m g) of the outer hoop along states (n, 4): ((Ro-Rb) psi'^2 + g cos psi) / g.
 
     Examples
     --------

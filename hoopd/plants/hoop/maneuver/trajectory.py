@@ -29,7 +29,7 @@ from hoopd.plants.hoop.maneuver.robustness import PlayedPlan, PlayResult, by_par
 from hoopd.plants.hoop.maneuver.throw_planning import plan_throw
 from hoopd.plants.hoop.maneuver.tracked_run import PlanTracker
 from hoopd.plants.hoop.maneuver.tracking import TrackingWeights, hoop_gain, tracking_gains
-from hoopd.plants.hoop.maneuver.up_planning import plan_up
+from hoopd.plants.hoop.maneuver.up_planning import CATCH_CONTACT, plan_up
 from hoopd.plants.model_file import effects_of
 
 Array = NDArray[np.float64]
@@ -95,6 +95,8 @@ def plan_trajectory(
     found = effects_of(model)
     limits = question.limits
     limits = replace(limits, torque_nm=_torque(model, limits.torque_nm), grip=_grip(model, limits.grip))
+    if question.kind == UP:
+        limits = replace(limits, contact=CATCH_CONTACT)
     question = replace(question, limits=limits)
     planning, tracker = PlanningModel(found), PlanTracker(found)
     best = _planned(model, planning, tracker, question, weights)

@@ -9,7 +9,6 @@ Rules of this file: parts one after another, each with the limits of the questio
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import atan2, ceil, cos, hypot, inf, nan, pi, sin, sqrt, tau
 from typing import NamedTuple
 
@@ -34,7 +33,8 @@ BISECTIONS = 40
 TOUCH_STEP_S, LONGEST_FLIGHT_S = 1e-4, 0.3
 # What the catch takes: ticks, tried one after another.
 CATCH_TICKS = (20, 26, 34, 44)
-# Contact that the catch keeps, in weights of the ball; on the top it is one.
+# Contact that the catch keeps, in weights of the ball, whatever is asked: as it lands there is less than on the top,
+# where it is one.
 CATCH_CONTACT = 0.2
 
 
@@ -159,8 +159,7 @@ def _air(model: PlanningModel, inner: InnerModel, question: ManeuverQuestion, of
 
 def _catch(inner: InnerModel, question: ManeuverQuestion, landed: Array) -> CollocatedMotion:
     """From the landing to rest on the top, of least effort."""
-    limits = replace(question.limits, contact=CATCH_CONTACT)
-    problem = CollocationProblem(inner.rate, inner.limits(limits), USUAL_TORQUE_NM)
+    problem = CollocationProblem(inner.rate, inner.limits(question.limits), USUAL_TORQUE_NM)
     ends = MotionEnds(landed, np.array([nan, 0.0, question.turn * pi, 0.0]))
     for ticks in CATCH_TICKS:
         found = problem.solve(ends, straight(ends, ticks, question.tick_s), question.tick_s)
