@@ -109,3 +109,30 @@ def test_a_proof_of_a_time_to_come_is_none_for_a_policy(tmp_path: Path) -> None:
     daemon.begin()
     assert daemon.state() == "left"
     assert daemon.versions.read(1).reason.startswith("its proof is of a time to come: the clock was set back by 5000 s")
+
+
+def with_a_model(folder: Path) -> tuple[PlayedDaemon, Path]:
+    """A version that waits for a word, with a file whose hash is known."""
+    daemon = PlayedDaemon(folder, policy=None)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state() == "diagnosing")
+    model = daemon.versions.of(1) / "model.yaml"
+    model.write_text("a: 1\n")
+    daemon.run(200.0, lambda: daemon.state() == "proposed")
+    return daemon, model
+
+
+def test_a_trial_whose_files_were_touched_is_taken_back_by_a_no(tmp_path: Path) -> None:
+    daemon, model = with_a_model(tmp_path / "healed")
+    says(daemon, YES)
+    daemon.run(30.0, lambda: daemon.healing.phase == "trying")
+    model.write_text("a: 2\n")
+    says(daemon, NO)
+    assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
+
+
+def test_a_version_whose_files_were_touched_takes_no_yes(tmp_path: Path) -> None:
+    daemon, model = with_a_model(tmp_path / "healed")
+    model.write_text("a: 2\n")
+    with pytest.raises(InputError, match="was changed after it was proposed"):
+        says(daemon, YES)
