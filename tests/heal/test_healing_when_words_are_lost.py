@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from heal.played_daemon import BAD, PERIOD_S, POLICY, PROVEN, PlayedDaemon, accepted, rounds
+from heal.played_daemon import BAD, FRICTION, PERIOD_S, POLICY, PROVEN, PlayedDaemon, accepted, rounds
 
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.heal.plan import HealPlan
@@ -182,6 +182,15 @@ def test_a_proof_that_is_old_when_it_goes_on_is_not_tried_by_the_policy(tmp_path
     daemon.policy, daemon.t = POLICY, daemon.t + 7200.0
     daemon.begin(run="two")
     assert daemon.state() == "left" and daemon.healing.phase == "watching"
+
+
+def test_a_change_of_what_was_0_is_read_again_by_the_next(tmp_path: Path) -> None:
+    grown = {**FRICTION, "parameters": {"hoop.dahl_of_theta.Fc": None}, "values": {"hoop.dahl_of_theta.Fc": 1e-4}}
+    daemon = PlayedDaemon(tmp_path / "healed", answers={"diagnose": grown})
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state() == "proposed")
+    daemon.begin()
+    assert daemon.state() == "proposed" and "was 0" in daemon.versions.read(1).history[-1][1]
 
 
 @pytest.mark.parametrize(("who", "state"), [("ann", "proposed"), ("policy", "trying")])
