@@ -80,7 +80,7 @@ class Healing:
 
     @property
     def settled(self) -> bool:
-        """The last orders were given."""
+        """The last orders were given, and nothing that was asked for can begin any more."""
         return self._settled
 
     # ------------------------------------------------------------------------------------------ what comes in
@@ -98,7 +98,7 @@ class Healing:
             self._proposal.advance()
             self._probation.advance()
         orders, self._in_hand.orders = tuple(self._in_hand.orders), []
-        self._settled = self._settled or self.over
+        self._settled = self._settled or (self.over and not self._probation.may_take_over)
         return orders
 
     def note(self, event: str, fields: Mapping[str, Any]) -> None:

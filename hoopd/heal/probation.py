@@ -46,6 +46,7 @@ class Probation:
 
     def __init__(self, attempt: Attempt) -> None:
         self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
+        self._unanswered = ""  # NAME.yaml@SHA256 of what was asked for, until the daemon tells what became of it
         self._taken_back = ""  # why the daemon took back what is being weighed
         self._has_failed = False  # a fault took the torque away, and the law has not acted since
 
@@ -63,6 +64,11 @@ class Probation:
                 hand.tell(f"version {one.number} acts; its watch begins anew")
                 return True
         return False
+
+    @property
+    def may_take_over(self) -> bool:
+        """Whether the daemon may still put on trial what it was asked for: who waits can not be taken back."""
+        return bool(self._unanswered) and self._in_hand.passed_s <= PATIENCE_S
 
     # ------------------------------------------------------------------------------------------ ticks
 
@@ -143,6 +149,7 @@ class Probation:
         hand = self._in_hand
         hand.keep("trying", f"on trial, decided by {hand.version.decided_by}")
         hand.enter("asked")
+        self._unanswered = hand.version.key
         hand.order(TRIAL, hand.version.key)
 
     def _weigh(self, from_s: float) -> None:
@@ -154,9 +161,9 @@ class Probation:
     def took_over(self, fields: Mapping[str, Any]) -> str:
         """A controller acts from now on; why nothing more can be done here, empty otherwise."""
         hand, command, sha256 = self._in_hand, fields.get("command"), str(fields.get("sha256", ""))
-        if hand.phase == "asked" and command == TRIAL and _is_one_of([hand.version.key], sha256):
-            hand.on_trial, self._alive_at = True, hand.watch.t
-            hand.enter("trying")
+        if command == TRIAL and _is_one_of([self._unanswered], sha256):
+            self._unanswered = ""
+            self._trial_begins()
         elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._before.keys, sha256):
             self._rolled_back()
         elif command == CONTROLLER:
@@ -164,6 +171,17 @@ class Probation:
         else:
             self._somebody_tries()
         return ""
+
+    def _trial_begins(self) -> None:
+        """What was asked for acts; what was broken off meanwhile goes back now, where it could not be while it waited."""
+        hand = self._in_hand
+        if hand.phase == "asked":
+            hand.on_trial, self._alive_at = True, hand.watch.t
+            hand.enter("trying")
+        else:
+            hand.watch.is_not_own(ANOTHER)
+            hand.order(REVERT)
+            hand.tell("the trial that was broken off took over: it is taken back")
 
     def _somebody_tries(self) -> None:
         """A trial or an experiment that is not ours: its seconds are nobody's here, and none of ours is on trial."""
@@ -188,6 +206,8 @@ class Probation:
     def refused(self, command: str, reason: str) -> None:
         """The daemon did not take what was asked for; what acts stays."""
         hand = self._in_hand
+        if command == TRIAL:
+            self._unanswered = ""
         if hand.phase == "asked" and command == TRIAL:
             hand.end("refused", f"the daemon: {reason}")
         elif hand.phase == "accepting" and command == ACCEPT:
@@ -218,7 +238,7 @@ class Probation:
 
     def returned(self, reason: str) -> None:
         """The daemon took the trial back."""
-        hand = self._in_hand
+        hand, self._unanswered = self._in_hand, ""
         was_on_trial, hand.on_trial = hand.on_trial, False
         if not (was_on_trial or hand.phase == "asked"):
             hand.watch.is_own(ANOTHER)  # of somebody else
