@@ -105,8 +105,8 @@ class Probation:
         self._has_failed = False
 
     def law_stops(self) -> None:
-        """The law no longer acts."""
-        if self._in_hand.phase == "asked":
+        """The law no longer acts: the daemon forgets who waits where no law does, not where another one or a hand does."""
+        if self._in_hand.phase == "asked" and not self._in_hand.watch.controlled:
             self._in_hand.end("went_back", "the law no longer acts")
 
     def law_fails(self, why: str) -> None:
