@@ -105,7 +105,7 @@ class Probation:
         self._has_failed = False
 
     def law_stops(self) -> None:
-        """The law no longer acts: the daemon forgets who waits where no law does, not where another one or a hand does."""
+        """The law no longer acts: the daemon forgets who waits where none does, not beside another one or a hand."""
         if self._in_hand.phase == "asked" and not self._in_hand.watch.controlled:
             self._in_hand.end("went_back", "the law no longer acts")
 
@@ -173,7 +173,7 @@ class Probation:
         return ""
 
     def _trial_begins(self) -> None:
-        """What was asked for acts; what was broken off meanwhile goes back now, where it could not be while it waited."""
+        """What was asked for acts; what was broken off meanwhile goes back now, which it could not while it waited."""
         hand = self._in_hand
         if hand.phase == "asked":
             hand.on_trial, self._alive_at = True, hand.watch.t
