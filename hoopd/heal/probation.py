@@ -21,7 +21,7 @@ from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND, HealVersion
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.loop_watch import ANOTHER, TUNED
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, WEIGH_S
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBERED, WEIGH_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
@@ -53,11 +53,12 @@ class Probation:
     def take_up(self) -> bool:
         """Go on with the watch over a version that acts, where the one before was broken off in it."""
         hand = self._in_hand
-        newest = list(hand.folder.every())[-1:]
-        for one in newest:
+        every = list(hand.folder.every())
+        for one in every:
+            if one.evidence.get(WATCHED) and not one.evidence.get(REMEMBERED):
+                hand.remember(one)  # the one before may have ended between the two, or had no memory
+        for one in every[-1:]:
             watched = one.kind == FOUND or one.evidence.get(WATCHED)
-            if one.evidence.get(WATCHED):
-                hand.remember(one)  # the one before may have ended between the two
             if one.state == "accepted" and not watched and one.acts_as == hand.folder.loop().acting:
                 hand.take(one)
                 hand.enter("settling")
