@@ -137,6 +137,17 @@ def test_a_controller_that_only_a_status_tells_of_ends_it(tmp_path: Path) -> Non
     assert daemon.healing.why == "mine.yaml acts, which is no version here: begin again with it"
 
 
+def test_a_roll_back_that_comes_late_is_a_version_that_acts(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.answers["weigh"], daemon.tells = BAD, False
+    daemon.acting = daemon.versions.read(1).key
+    daemon.run(300.0, lambda: daemon.healing.phase == "watching")
+    assert daemon.state() == "accepted" and "did not take over within 25 s" in daemon.versions.read(1).reason
+    daemon.acting = daemon.versions.read(0).key
+    daemon.run(4.0)
+    assert daemon.healing.settled and daemon.healing.why == "version 0 acts: begin again with it"
+
+
 def test_a_copy_of_the_version_and_what_was_accepted_just_now_are_no_others(tmp_path: Path) -> None:
     daemon = PlayedDaemon(tmp_path / "healed")
     found = daemon.versions.read(0)
