@@ -168,7 +168,8 @@ class Probation:
         elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._before.keys, sha256):
             self._rolled_back()
         elif command == CONTROLLER:
-            return SOMEBODY
+            having = [one.acts_as for one in hand.folder.every() if _is_one_of(one.keys, sha256)]
+            return f"version {having[-1]} acts: begin again with it" if having else SOMEBODY
         else:
             self._somebody_tries()
         return ""

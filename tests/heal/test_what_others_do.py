@@ -137,13 +137,17 @@ def test_a_controller_that_only_a_status_tells_of_ends_it(tmp_path: Path) -> Non
     assert daemon.healing.why == "mine.yaml acts, which is no version here: begin again with it"
 
 
-def test_a_roll_back_that_comes_late_is_a_version_that_acts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("by", ["a status", "an event"])
+def test_a_roll_back_that_comes_late_is_a_version_that_acts(by: str, tmp_path: Path) -> None:
     daemon = accepted(tmp_path / "healed")
     daemon.answers["weigh"], daemon.tells = BAD, False
     daemon.acting = daemon.versions.read(1).key
     daemon.run(300.0, lambda: daemon.healing.phase == "watching")
     assert daemon.state() == "accepted" and "did not take over within 25 s" in daemon.versions.read(1).reason
-    daemon.acting = daemon.versions.read(0).key
+    if by == "a status":
+        daemon.acting = daemon.versions.read(0).key
+    else:
+        daemon.healing.note("controller", {"command": "controller", "sha256": "0" * 64})
     daemon.run(4.0)
     assert daemon.healing.settled and daemon.healing.why == "version 0 acts: begin again with it"
 
