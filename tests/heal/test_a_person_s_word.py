@@ -152,7 +152,7 @@ def asked_for(folder: Path) -> PlayedDaemon:
 
 def refuses_to_revert(daemon: PlayedDaemon) -> None:
     """As the daemon does while the trial waits."""
-    daemon._obey = lambda order: daemon.orders.append((daemon.t, order))  # type: ignore[method-assign]
+    daemon._obey = lambda order: daemon.orders.append((daemon.t, order))
 
 
 @pytest.mark.parametrize("is_over", [True, False])
