@@ -169,6 +169,12 @@ def _accepted(device: ShownDevice) -> str:
     return f"{told.get('file')}@{told.get('sha256')}"
 
 
+def _filter(device: ShownDevice) -> str:
+    """Hash of what the acting filter was made of; empty where a daemon does not tell."""
+    told = device.status.get("controller")
+    return str(told.get("filter") or "") if isinstance(told, dict) else ""
+
+
 class _FollowedDaemon:
     """One run of a daemon, from its first word to its last."""
 
@@ -191,7 +197,8 @@ class _FollowedDaemon:
 
         working = self._worker(plan)  # takes a second: what the daemon has is asked when nothing more takes time
         worker = threading.Thread(target=self._work, args=(working,), daemon=True)
-        note_what_acts(self._folder, _accepted(self._device), time.time(), user_name(), self._files)
+        told = _accepted(self._device)
+        note_what_acts(self._folder, told, time.time(), user_name(), self._files, _filter(self._device))
         lay_copies(self._folder, self._controllers.lay_in_with, typer.echo)
         healing = Healing(self._folder, plan, policy, time.time, self._device.run, typer.echo)
         typer.echo(f"following {self._device.identity}: version {self._folder.loop().acting} acts")

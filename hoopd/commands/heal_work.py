@@ -25,7 +25,7 @@ from hoopd.files.whole_files import file_bytes, replace_file
 from hoopd.heal.change import judged, written_changes
 from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
-from hoopd.heal.plan import REMEMBER, HealWork
+from hoopd.heal.plan import REMEMBER, REMEMBERED, HealWork
 from hoopd.heal.version_copies import LayIn, laid_copy
 from hoopd.plants.hoop.loop.writeback import unused
 from hoopd.plants.model_file import effects_of, load_model
@@ -129,7 +129,7 @@ class HealWorker:
         if self.memory is not None and copy.exists():
             told, _ = load_memory(copy, None)
             add_to_memory(self.memory, told.of, told.diagnoses[-1])
-        return {}
+        return {REMEMBERED: self.memory is not None or not copy.exists()}
 
     def _without_corrections(self, place: Path, before: Path, effects: Collection[str]) -> None:
         """The model of a version: what was found, without effects that are no more than a correction beside it."""

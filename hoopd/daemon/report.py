@@ -162,6 +162,7 @@ def controller_status(succession: Succession) -> dict[str, Any]:
         "accepted": succession.accepted.label.name,
         "since": succession.since,
         "next": succession.waiting,
+        "filter": succession.acting.filter.key,
     }
 
 

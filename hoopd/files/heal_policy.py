@@ -43,13 +43,13 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
         self,
         effects: Mapping[str, Mapping[str, float]],
         probabilities: Mapping[str, float],
-        changes: Mapping[str, float],
+        changes: Mapping[str, float | None],
         values: Mapping[str, float],
     ) -> str:
         """Why what was found may not be learned unasked; empty when it may.
 
-        `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of what they were;
-        `values`: what these, and others that changed by less, are now, in their units.
+        `effects`: parameters by name and parameter; `changes`: of the model's parameters, as shares of what they were,
+        None where that was 0; `values`: what these, and others that changed by less, are now, in their units.
         """
         for name, parameters in effects.items():
             if why := self._of_effect(name, parameters, probabilities.get(name, 0.0)):
@@ -58,10 +58,8 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
             if why := self._of_size(name, value):
                 return why
         for name, share in changes.items():
-            if abs(share) > self.parameter_change and not (name in self.largest and name in values):
-                return (
-                    f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
-                )
+            if not (name in self.largest and name in values) and (why := self._of_share(name, share)):
+                return why
         return ""
 
     def _of_effect(self, name: str, parameters: Mapping[str, float], probability: float) -> str:
@@ -73,6 +71,13 @@ class HealPolicy(Strict, frozen=True, kw_only=True):
             if why := self._of_size(f"{name}.{key}", value):
                 return why
         return ""
+
+    def _of_share(self, name: str, share: float | None) -> str:
+        if share is None:
+            return f"{name} was 0, of which no share is small: the policy has no largest size of it"
+        if abs(share) <= self.parameter_change:
+            return ""
+        return f"{name} changed by {share:+.0%}, the policy lets a parameter change by {self.parameter_change:.0%}"
 
     def _of_size(self, name: str, value: float) -> str:
         limit = self.largest.get(name)

@@ -186,11 +186,15 @@ class VersionFolder:
         write_json(self.of(version.number) / "version.json", version)
 
     def decide(self, number: int, decision: HealDecision) -> None:
-        """Lay a person's decision beside a version; InputError unless it is proposed, or a no is of one on trial."""
+        """Lay a person's decision beside a version; InputError unless it is proposed, or a no is of one on trial.
+
+        A yes is of the files that were proposed; a no may be the word about what became of them.
+        """
         version = self.read(number)
         if version.state != "proposed" and (decision.accept or version.state != "trying"):
             raise InputError(self.folder, str(number), f"is {version.state.replace('_', ' ')}, not proposed")
-        self.check(number)
+        if decision.accept:
+            self.check(number)
         write_json(self.of(number) / DECISION, decision)
 
     def decision(self, number: int) -> HealDecision | None:

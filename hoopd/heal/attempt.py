@@ -5,6 +5,7 @@ Rules of this file: it decides nothing; every change is written down before anyt
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from hoopd.design.comparison import WantedCommand
 from hoopd.files.heal_versions import HealVersion, State, VersionFolder
 from hoopd.heal.loop_watch import LoopWatch
-from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
+from hoopd.heal.plan import REMEMBER, REMEMBERED, HealPlan, HealWork
 
 
 @dataclass
@@ -29,6 +30,7 @@ class Attempt:
     since: float = 0.0  # s, run time: when the phase began
     on_trial: bool = False
     orders: list[WantedCommand] = field(default_factory=list)
+    _to_remember: deque[HealWork] = field(default_factory=deque)  # beside what is asked for, which nobody waits for
     _work: HealWork | None = None  # asked for last: of anything else no result is wanted any more
     _is_begun: bool = False
     _version: HealVersion | None = None
@@ -67,12 +69,18 @@ class Attempt:
 
     def remember(self, version: HealVersion) -> None:
         """Ask that what a version has found is remembered; the second time changes nothing."""
-        self._work, self._is_begun = HealWork(REMEMBER, version.number, version.from_s, version.to_s), False
+        self._to_remember.append(HealWork(REMEMBER, version.number, version.from_s, version.to_s))
+
+    def remembered(self, number: int) -> None:
+        """A memory has what a version has found: nobody needs to ask again."""
+        version = self.folder.read(number)
+        version.evidence[REMEMBERED] = True
+        self.folder.keep(version, self.clock())
 
     def take_work(self) -> HealWork | None:
         """What is to be computed, once."""
-        if self._is_begun:
-            return None
+        if self._is_begun or self._work is None:
+            return self._to_remember.popleft() if self._to_remember else None
         self._is_begun = True
         return self._work
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isclose
+from math import inf, isclose
 from types import MappingProxyType
 
 from hoopd.core.faulttable import BY_NAME, Action
@@ -47,15 +47,15 @@ class ChangeJudgement:
     """What the newest minutes say.
 
     `effects`: parameters of what is new and confirmed, by name; `probabilities`: of these; `parameters`: of the model's
-    parameters outside of whose interval the old value lies, the change as a share of it; `values`: what these are now.
-    What the model that is loaded changes beside these, `written_changes` tells.
+    parameters outside of whose interval the old value lies, the change as a share of it, None where it was 0; `values`:
+    what these are now. What the model that is loaded changes beside these, `written_changes` tells.
     """
 
     kind: str
     reason: str
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     probabilities: Mapping[str, float] = field(default_factory=dict)
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float | None] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -83,7 +83,7 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
         told = ", ".join(f"{one.name} ({one.status})" for one in large)
         return ChangeJudgement(NOTHING, f"not sure enough: {told}")
     if changed:
-        told = ", ".join(f"{name} {share:+.0%}" for name, share in changed.items())
+        told = ", ".join(f"{name} {_words(share)}" for name, share in changed.items())
         return ChangeJudgement(PARAMETERS, f"changed: {told}", parameters=changed, values=values)
     return ChangeJudgement(NOTHING, "the model explains these minutes")
 
@@ -92,10 +92,11 @@ def judged(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s: float)
 class WrittenChanges:
     """What one model has otherwise than another, by parameter or SLOT.EFFECT.PARAMETER.
 
-    `shares`: of the old value, where it is more than a correction; `values`: what each is now, by however little.
+    `shares`: of the old value, where it is more than a correction, None where that was 0; `values`: what each is now,
+    by however little.
     """
 
-    shares: Mapping[str, float]
+    shares: Mapping[str, float | None]
     values: Mapping[str, float]
 
 
@@ -108,7 +109,7 @@ def written_changes(before: ModelFile | PlantModelFile, after: ModelFile | Plant
     new = dict.fromkeys(old, 0.0) | numbers(after)
     values = {name: new[name] for name in old if not isclose(new[name], old[name])}
     shares = {name: _share(old[name], value) for name, value in values.items()}
-    return WrittenChanges({name: one for name, one in shares.items() if abs(one) >= LEAST_CHANGE}, values)
+    return WrittenChanges({name: one for name, one in shares.items() if _size(one) >= LEAST_CHANGE}, values)
 
 
 def numbers(model: ModelFile | PlantModelFile) -> dict[str, float]:
@@ -133,8 +134,10 @@ def broken_sensor(diagnosis: Diagnosis, faults_s: Mapping[str, float], window_s:
         effect, _, parameter = name.rpartition(".")
         if effect and (why := _broken(effect, effect.partition(".")[0], {parameter: base[name]})):
             return why
-        if base[name].unit == LENGTH and abs(share) > MOST_LENGTH_CHANGE:
-            return f"{name} seems to be {share:+.0%}, and no length changes while it runs: the camera's scale is wrong"
+        if base[name].unit == LENGTH and _size(share) > MOST_LENGTH_CHANGE:
+            return (
+                f"{name} seems to be {_words(share)}, and no length changes while it runs: the camera's scale is wrong"
+            )
     return ""
 
 
@@ -162,22 +165,30 @@ def _values(parameters: Mapping[str, Quantity]) -> dict[str, float]:
     return {name: one.value for name, one in parameters.items() if one.value is not None}
 
 
-def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float]:
+def _changed(parameters: Mapping[str, Quantity]) -> dict[str, float | None]:
     """Of what is re-estimated, that which the data do not let stay: the change as a share of the old value."""
-    found = {}
+    found: dict[str, float | None] = {}
     for name, one in parameters.items():
         low, high = one.ci95 or (None, None)
         if one.value is None or one.nominal is None or low is None or high is None:
             continue
         share = _share(one.nominal, one.value)
-        if not low <= one.nominal <= high and abs(share) >= LEAST_CHANGE:
+        if not low <= one.nominal <= high and _size(share) >= LEAST_CHANGE:
             found[name] = share
     return found
 
 
-def _share(before: float, now: float) -> float:
-    """A change, of what it was before."""
-    return (now - before) / abs(before) if before else float("inf")
+def _share(before: float, now: float) -> float | None:
+    """A change, of what it was before; None where that was 0: files keep no infinite number."""
+    return (now - before) / abs(before) if before else None
+
+
+def _size(share: float | None) -> float:
+    return inf if share is None else abs(share)
+
+
+def _words(share: float | None) -> str:
+    return "from 0" if share is None else f"{share:+.0%}"
 
 
 def _value(one: Quantity | None) -> float | None:

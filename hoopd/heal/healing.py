@@ -27,7 +27,7 @@ from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.change import OF_THE_COMPUTER
 from hoopd.heal.loop_watch import ANOTHER, DRIVEN
-from hoopd.heal.plan import REMEMBER, HealPlan, HealWork
+from hoopd.heal.plan import REMEMBER, REMEMBERED, HealPlan, HealWork
 from hoopd.heal.probation import Probation
 from hoopd.heal.proposal import VersionProposal
 from hoopd.heal.told_controller import ToldController
@@ -80,7 +80,7 @@ class Healing:
 
     @property
     def settled(self) -> bool:
-        """The last orders were given."""
+        """The last orders were given, and nothing that was asked for can begin any more."""
         return self._settled
 
     # ------------------------------------------------------------------------------------------ what comes in
@@ -98,7 +98,7 @@ class Healing:
             self._proposal.advance()
             self._probation.advance()
         orders, self._in_hand.orders = tuple(self._in_hand.orders), []
-        self._settled = self._settled or self.over
+        self._settled = self._settled or (self.over and not self._probation.may_take_over)
         return orders
 
     def note(self, event: str, fields: Mapping[str, Any]) -> None:
@@ -162,11 +162,11 @@ class Healing:
 
     def done(self, work: HealWork, result: Mapping[str, Any]) -> None:
         """What came of a computation; `error` in it: why nothing did."""
-        if work.name == REMEMBER and "error" in result:
-            self._in_hand.tell(f"version {work.number} is not remembered: {result['error']}")
-        if self.over or not self._in_hand.waits_for(work) or self.phase != PHASE_OF_WORK[work.name]:
+        if work.name == REMEMBER:
+            self._remembered(work, result)
+        elif self.over or not self._in_hand.waits_for(work) or self.phase != PHASE_OF_WORK[work.name]:
             return  # of a trial that went back meanwhile, or of a version that nobody has in hand any more
-        if error := result.get("error"):
+        elif error := result.get("error"):
             self._failed(work, str(error))
         elif work.name == "weigh":
             self._probation.weighed(result)
@@ -210,6 +210,13 @@ class Healing:
     def _drifts(self) -> None:
         if self.phase not in UNHEARD_IN:
             self._in_hand.watch.drifts()
+
+    def _remembered(self, work: HealWork, result: Mapping[str, Any]) -> None:
+        """What is not is asked for again by the next that begins."""
+        if error := result.get("error"):
+            self._in_hand.tell(f"version {work.number} is not remembered: {error}")
+        elif result.get(REMEMBERED):
+            self._in_hand.remembered(work.number)
 
     def _failed(self, work: HealWork, error: str) -> None:
         """A computation came to nothing."""

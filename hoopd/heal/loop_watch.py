@@ -31,6 +31,7 @@ class LoopWatch:
     def __init__(self) -> None:
         self.t = 0.0
         self.acts_since = 0.0  # since when the law that acts is followed without a pause
+        self.controlled = False  # by whatever law
         self.running = False  # and it is the version's law, by nobody's hand
         self.changed_at = 0.0  # when that was told last to be so, or not
         self._foreign = set[str]()
@@ -42,7 +43,7 @@ class LoopWatch:
 
     def tick(self, t: float, running: bool) -> bool:
         """One tick; whether the law begins to act in it, or no longer does: minutes without it are none."""
-        self.t = t
+        self.t, self.controlled = t, running
         if not running:
             self._foreign.discard(DRIVEN)  # every hand lets go there
         running = running and not self._foreign

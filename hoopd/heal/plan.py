@@ -31,6 +31,7 @@ class HealPlan:
 
 
 REMEMBER = "remember"  # of what is computed that nobody waits for
+REMEMBERED = "remembered"  # in its result, and in a version's evidence: the memory has it
 
 
 class HealWork(NamedTuple):

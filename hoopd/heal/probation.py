@@ -21,7 +21,7 @@ from hoopd.design.comparison import REST_S
 from hoopd.files.heal_versions import FOUND, HealVersion
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.loop_watch import ANOTHER, TUNED
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, WEIGH_S
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBERED, WEIGH_S
 from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
@@ -46,23 +46,30 @@ class Probation:
 
     def __init__(self, attempt: Attempt) -> None:
         self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
+        self._unanswered = ""  # NAME.yaml@SHA256 of what was asked for, until the daemon tells what became of it
         self._taken_back = ""  # why the daemon took back what is being weighed
         self._has_failed = False  # a fault took the torque away, and the law has not acted since
 
     def take_up(self) -> bool:
         """Go on with the watch over a version that acts, where the one before was broken off in it."""
         hand = self._in_hand
-        newest = list(hand.folder.every())[-1:]
-        for one in newest:
+        every = list(hand.folder.every())
+        for one in every:
+            if one.evidence.get(WATCHED) and not one.evidence.get(REMEMBERED):
+                hand.remember(one)  # the one before may have ended between the two, or had no memory
+        for one in every[-1:]:
             watched = one.kind == FOUND or one.evidence.get(WATCHED)
-            if one.evidence.get(WATCHED):
-                hand.remember(one)  # the one before may have ended between the two
             if one.state == "accepted" and not watched and one.acts_as == hand.folder.loop().acting:
                 hand.take(one)
                 hand.enter("settling")
                 hand.tell(f"version {one.number} acts; its watch begins anew")
                 return True
         return False
+
+    @property
+    def may_take_over(self) -> bool:
+        """Whether the daemon may still put on trial what it was asked for: who waits can not be taken back."""
+        return bool(self._unanswered) and self._in_hand.passed_s <= PATIENCE_S
 
     # ------------------------------------------------------------------------------------------ ticks
 
@@ -99,8 +106,8 @@ class Probation:
         self._has_failed = False
 
     def law_stops(self) -> None:
-        """The law no longer acts."""
-        if self._in_hand.phase == "asked":
+        """The law no longer acts: the daemon forgets who waits where none does, not beside another one or a hand."""
+        if self._in_hand.phase == "asked" and not self._in_hand.watch.controlled:
             self._in_hand.end("went_back", "the law no longer acts")
 
     def law_fails(self, why: str) -> None:
@@ -143,6 +150,7 @@ class Probation:
         hand = self._in_hand
         hand.keep("trying", f"on trial, decided by {hand.version.decided_by}")
         hand.enter("asked")
+        self._unanswered = hand.version.key
         hand.order(TRIAL, hand.version.key)
 
     def _weigh(self, from_s: float) -> None:
@@ -154,16 +162,28 @@ class Probation:
     def took_over(self, fields: Mapping[str, Any]) -> str:
         """A controller acts from now on; why nothing more can be done here, empty otherwise."""
         hand, command, sha256 = self._in_hand, fields.get("command"), str(fields.get("sha256", ""))
-        if hand.phase == "asked" and command == TRIAL and _is_one_of([hand.version.key], sha256):
-            hand.on_trial, self._alive_at = True, hand.watch.t
-            hand.enter("trying")
+        if command == TRIAL and _is_one_of([self._unanswered], sha256):
+            self._unanswered = ""
+            self._trial_begins()
         elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._before.keys, sha256):
             self._rolled_back()
         elif command == CONTROLLER:
-            return SOMEBODY
+            having = [one.acts_as for one in hand.folder.every() if _is_one_of(one.keys, sha256)]
+            return f"version {having[-1]} acts: begin again with it" if having else SOMEBODY
         else:
             self._somebody_tries()
         return ""
+
+    def _trial_begins(self) -> None:
+        """What was asked for acts; what was broken off meanwhile goes back now, which it could not while it waited."""
+        hand = self._in_hand
+        if hand.phase == "asked":
+            hand.on_trial, self._alive_at = True, hand.watch.t
+            hand.enter("trying")
+        else:
+            hand.watch.is_not_own(ANOTHER)
+            hand.order(REVERT)
+            hand.tell("the trial that was broken off took over: it is taken back")
 
     def _somebody_tries(self) -> None:
         """A trial or an experiment that is not ours: its seconds are nobody's here, and none of ours is on trial."""
@@ -188,6 +208,8 @@ class Probation:
     def refused(self, command: str, reason: str) -> None:
         """The daemon did not take what was asked for; what acts stays."""
         hand = self._in_hand
+        if command == TRIAL:
+            self._unanswered = ""
         if hand.phase == "asked" and command == TRIAL:
             hand.end("refused", f"the daemon: {reason}")
         elif hand.phase == "accepting" and command == ACCEPT:
@@ -218,7 +240,7 @@ class Probation:
 
     def returned(self, reason: str) -> None:
         """The daemon took the trial back."""
-        hand = self._in_hand
+        hand, self._unanswered = self._in_hand, ""
         was_on_trial, hand.on_trial = hand.on_trial, False
         if not (was_on_trial or hand.phase == "asked"):
             hand.watch.is_own(ANOTHER)  # of somebody else

@@ -37,7 +37,7 @@ class ToldController:
         if not told or watch.t - max(self._since, watch.changed_at) < TOLD_S:
             return ""
         if told == FOREIGN:
-            return f"{key.partition('@')[0]} acts, which is no version here: begin again with it"
+            return self._another(key)
         if (told == NONE) is not watch.is_foreign(ANOTHER):
             (watch.is_not_own if told == NONE else watch.is_own)(ANOTHER)
         return ""
@@ -53,3 +53,9 @@ class ToldController:
             }
             self._known[acting, key] = OWN if key in ours else FOREIGN
         return self._known[acting, key]
+
+    def _another(self, key: str) -> str:
+        """What acts instead: an earlier version, by a person or by a roll-back that came late, or none of them."""
+        having = [one.acts_as for one in self._in_hand.folder.every() if key in one.keys]
+        what = f"version {having[-1]} acts" if having else f"{key.partition('@')[0]} acts, which is no version here"
+        return f"{what}: begin again with it"

@@ -14,15 +14,21 @@ from inprocess import call
 
 from hoopd import lab
 from hoopd.commands import heal_watch, operator
+from hoopd.daemon.build import build_tick, read_texts
+from hoopd.daemon.report import controller_status
 from hoopd.dashboard import turns
 from hoopd.dashboard.work.controllers import Controllers
+from hoopd.files.controller import parse_controller
 from hoopd.files.controller_folder import key_of
 from hoopd.files.folder_lock import alone_in
 from hoopd.files.heal_versions import VersionFolder
+from hoopd.files.loaded_controller import filter_key
 from hoopd.files.reading import InputError
+from hoopd.files.shipped import defaults_folder
 from hoopd.heal import healing, resumption, version_copies
 from hoopd.heal.plan import HealPlan
 from hoopd.heal.version_copies import lay_copies
+from hoopd.shell.config import load
 
 
 def kept(folder: Path) -> VersionFolder:
@@ -101,12 +107,12 @@ def controllers_with(folder: Path, law: str = LAW, model: str = MODEL) -> Contro
     return Controllers(folder)
 
 
-def found(folder: Path, controllers: Controllers) -> VersionFolder:
+def found(folder: Path, controllers: Controllers, law: str = LAW) -> VersionFolder:
     """A loop as it was found, with a copy of its own in the daemon's folder."""
     versions = VersionFolder(folder)
     versions.begin("hoop")
     versions.takes_controllers_from(controllers.folder)
-    versions.first(key_of(controllers.folder / "lqg.yaml"), LAW, MODEL, 0.0, "ann")
+    versions.first(key_of(controllers.folder / "lqg.yaml"), law, MODEL, 0.0, "ann")
     lay_copies(versions, controllers.lay_in_with, print)
     return versions
 
@@ -137,19 +143,36 @@ def test_what_was_found_comes_back_with_its_model_whatever_became_of_a_person_s_
     assert len(asked) == 2 and (controllers.folder / "lqg.yaml").read_text() == LAW + "k: 1\n"
 
 
-def test_a_controller_whose_model_was_fitted_anew_is_another_version(tmp_path: Path) -> None:
-    controllers = controllers_with(tmp_path / "controllers")
-    versions = found(tmp_path / "healed", controllers)
+def test_a_version_is_known_by_the_filter_that_the_daemon_has_and_not_by_the_model_on_disk(tmp_path: Path) -> None:
+    law = (defaults_folder() / "controllers" / "lqg.yaml").read_text()
+    before, now = (filter_key(one, parse_controller(law, "lqg.yaml")) for one in (MODEL, MODEL + "bb: 2\n"))
+    controllers = controllers_with(tmp_path / "controllers", law)
+    versions = found(tmp_path / "healed", controllers, law)
     key, copy = versions.read(0).key, versions.read(0).copy
-    same, fitted = resumption.LoopFiles(LAW, MODEL), resumption.LoopFiles(LAW, MODEL + "bb: 2\n")
-    assert resumption.note_what_acts(versions, key, 5.0, "ann", lambda: same) is None
-    assert resumption.note_what_acts(versions, copy, 5.0, "ann", lambda: same) is None
-    noted = resumption.note_what_acts(versions, key, 6.0, "ann", lambda: fitted)
-    assert noted is not None and noted.number == versions.loop().acting == 1
+    fitted = resumption.LoopFiles(law, MODEL + "bb: 2\n")
+
+    def noted(key: str, told: str) -> int | None:
+        version = resumption.note_what_acts(versions, key, 5.0, "ann", lambda: fitted, told)
+        return None if version is None else version.number
+
+    assert noted(key, before) is noted(copy, before) is noted(key, "") is None  # which an older daemon does not tell
+    with pytest.raises(InputError, match=r"lqg\.yaml: model: is another one now than the daemon's"):
+        noted(key, "0" * 64)
+    assert noted(key, now) == versions.loop().acting == 1
     assert (versions.of(1) / "model.yaml").read_text() == fitted.model
     lay_copies(versions, controllers.lay_in_with, print)
     assert versions.read(1).copy not in ("", copy)  # beside the other one: the same law with another model
-    assert resumption.note_what_acts(versions, key, 7.0, "ann", lambda: same) is None and versions.loop().acting == 0
+    assert noted(key, before) is None and versions.loop().acting == 0
+
+
+def test_a_daemon_tells_which_filter_it_has() -> None:
+    config = load(None, sim=True, overrides=["camera.backend=direct"])
+    texts = read_texts(config, None)
+    told = controller_status(build_tick(config, texts).succession)
+    device: Any = SimpleNamespace(status={"controller": told})
+    assert heal_watch._filter(device) == filter_key(texts.model, parse_controller(texts.controller, "lqg.yaml"))
+    device.status = {"controller": {"purpose": "controller"}}  # of an older daemon
+    assert heal_watch._filter(device) == ""
 
 
 def test_a_controller_that_is_no_longer_there_is_known_by_its_key(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,9 @@ def test_a_diagnosis_is_told_what_is_known_and_adds_to_it_later(
     assert worker.work(HealWork("diagnose", 1, 0.0, 40.0))["learn"] is False
     assert [one.recordings for one in load_memory(known, None)[0].diagnoses] == [["earlier"]]
     add_to_memory(known, "hoop rolling", RememberedDiagnosis(recordings=["meanwhile"]))
-    assert worker.work(HealWork("remember", 1, 0.0, 40.0)) == {}
+    without = dataclasses.replace(worker, memory=None)
+    assert without.work(HealWork("remember", 1, 0.0, 40.0)) == {"remembered": False}
+    assert worker.work(HealWork("remember", 1, 0.0, 40.0)) == {"remembered": True}
     assert [one.recordings for one in load_memory(known, None)[0].diagnoses] == [["earlier"], ["meanwhile"], ["this"]]
 
 

@@ -34,6 +34,12 @@ def test_a_change_whose_size_nobody_told_is_held_by_its_share() -> None:
     assert "changed by +50%" in POLICY.objection({}, {}, {FRICTION: 0.5}, {})
 
 
+def test_what_was_0_is_held_by_its_size_alone() -> None:
+    told = POLICY.objection({}, {}, {"Ih": None, FRICTION: None}, {"Ih": 1e-9, FRICTION: 0.01})
+    assert told == "Ih was 0, of which no share is small: the policy has no largest size of it"
+    assert POLICY.objection({}, {}, {FRICTION: None}, {FRICTION: 0.01}) == ""
+
+
 def test_a_limit_may_be_of_a_parameter_of_the_plant(tmp_path: Path) -> None:
     path = tmp_path / "policy.yaml"
     path.write_text("schema: hoopd.policy/1\nlargest: {bh: 0.002}\n")

@@ -109,3 +109,91 @@ def test_a_proof_of_a_time_to_come_is_none_for_a_policy(tmp_path: Path) -> None:
     daemon.begin()
     assert daemon.state() == "left"
     assert daemon.versions.read(1).reason.startswith("its proof is of a time to come: the clock was set back by 5000 s")
+
+
+def with_a_model(folder: Path) -> tuple[PlayedDaemon, Path]:
+    """A version that waits for a word, with a file whose hash is known."""
+    daemon = PlayedDaemon(folder, policy=None)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state() == "diagnosing")
+    model = daemon.versions.of(1) / "model.yaml"
+    model.write_text("a: 1\n")
+    daemon.run(200.0, lambda: daemon.state() == "proposed")
+    return daemon, model
+
+
+def test_a_trial_whose_files_were_touched_is_taken_back_by_a_no(tmp_path: Path) -> None:
+    daemon, model = with_a_model(tmp_path / "healed")
+    says(daemon, YES)
+    daemon.run(30.0, lambda: daemon.healing.phase == "trying")
+    model.write_text("a: 2\n")
+    says(daemon, NO)
+    assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
+
+
+def test_a_version_whose_files_were_touched_takes_no_yes(tmp_path: Path) -> None:
+    daemon, model = with_a_model(tmp_path / "healed")
+    model.write_text("a: 2\n")
+    with pytest.raises(InputError, match="was changed after it was proposed"):
+        says(daemon, YES)
+
+
+TRIAL_OF_OURS = {"command": "trial", "file": "heal-1.yaml", "sha256": "abc123abc123" + "0" * 52}
+
+
+def asked_for(folder: Path) -> PlayedDaemon:
+    """A trial that was asked for, and waits for its filter."""
+    daemon = PlayedDaemon(folder)
+    daemon.drift()
+    daemon.tells = False
+    daemon.run(200.0, lambda: daemon.healing.phase == "asked")
+    return daemon
+
+
+def refuses_to_revert(daemon: PlayedDaemon) -> None:
+    """As the daemon does while the trial waits."""
+    daemon._obey = lambda order: daemon.orders.append((daemon.t, order))
+
+
+@pytest.mark.parametrize("is_over", [True, False])
+def test_a_trial_that_was_broken_off_before_it_took_over_is_taken_back_when_it_does(
+    is_over: bool, tmp_path: Path
+) -> None:
+    daemon, told = asked_for(tmp_path / "healed"), list[str]()
+    daemon.healing._in_hand.tell = told.append
+    refuses_to_revert(daemon)
+    if is_over:
+        daemon.healing.stop("interrupted")
+    else:
+        daemon.healing.note("tuned", {"key": "k_psi", "value": 3.0})
+    daemon.run(0.1)
+    daemon.healing.note("command_refused", {"command": "revert", "reason": "there is no trial"})
+    assert daemon.names == ["trial", "revert"] and not daemon.healing.settled
+    daemon.healing.note("controller", TRIAL_OF_OURS)
+    daemon.run(0.1)
+    assert daemon.names == ["trial", "revert", "revert"] and daemon.state() == "proposed"
+    assert told[-1] == "the trial that was broken off took over: it is taken back"
+    assert daemon.healing.settled is is_over
+
+
+@pytest.mark.parametrize("answer", ["refused", "none", "returned"])
+def test_what_was_broken_off_is_waited_for_until_the_daemon_has_answered(answer: str, tmp_path: Path) -> None:
+    daemon = asked_for(tmp_path / "healed")
+    refuses_to_revert(daemon)
+    daemon.healing.stop("interrupted")
+    daemon.run(0.1)
+    if answer == "refused":
+        daemon.healing.note("command_refused", {"command": "trial", "reason": "the model does not fit"})
+    elif answer == "returned":
+        daemon.healing.note("trial_returned", {"reason": "reverted"})
+    else:
+        daemon.run(25.0)
+    daemon.run(0.1)
+    assert daemon.healing.settled and daemon.names == ["trial", "revert"]
+
+
+def test_a_trial_of_a_person_s_own_is_not_taken_back(tmp_path: Path) -> None:
+    daemon = proposed(tmp_path / "healed")
+    daemon.healing.note("controller", TRIAL_OF_OURS)
+    daemon.run(10.0)
+    assert daemon.orders == [] and daemon.state() == "proposed"

@@ -147,3 +147,19 @@ def test_a_model_tells_every_number_that_it_changes_whatever_its_interval() -> N
     assert told.shares == {"bh": pytest.approx(0.6), "hoop.coulomb_friction.Fc": -1.0}
     assert told.values == {**grown, "hoop.coulomb_friction.Fc": 0.0}
     assert written_changes(before, before) == written_changes(shipped, before)
+
+
+def test_what_was_0_has_no_share_that_a_file_could_not_keep() -> None:
+    shipped = load_model(defaults_folder() / "models" / "hoop.yaml")
+    before, after = (
+        msgspec.structs.replace(
+            shipped,
+            effects=[EffectEntry(name="hoop.coulomb_friction", parameters={"Fc": Parameter(value=one, unit="N m")})],
+        )
+        for one in (0.0, 0.01)
+    )
+    told = written_changes(before, after)
+    assert told.shares == {"hoop.coulomb_friction.Fc": None} == msgspec.json.decode(msgspec.json.encode(told.shares))
+    judgement = judged(said(base=parameters(bh=(0.01, 0.001, 0.0)), verdict="parameters"), {}, 40.0)
+    assert judgement.kind == PARAMETERS and judgement.reason == "changed: bh from 0"
+    assert judgement.parameters == {"bh": None}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from heal.played_daemon import BAD, PERIOD_S, POLICY, PROVEN, PlayedDaemon, accepted, rounds
+from heal.played_daemon import BAD, FRICTION, PERIOD_S, POLICY, PROVEN, PlayedDaemon, accepted, rounds
 
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.heal.plan import HealPlan
@@ -184,6 +184,15 @@ def test_a_proof_that_is_old_when_it_goes_on_is_not_tried_by_the_policy(tmp_path
     assert daemon.state() == "left" and daemon.healing.phase == "watching"
 
 
+def test_a_change_of_what_was_0_is_read_again_by_the_next(tmp_path: Path) -> None:
+    grown = {**FRICTION, "parameters": {"hoop.dahl_of_theta.Fc": None}, "values": {"hoop.dahl_of_theta.Fc": 1e-4}}
+    daemon = PlayedDaemon(tmp_path / "healed", answers={"diagnose": grown})
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.state() == "proposed")
+    daemon.begin()
+    assert daemon.state() == "proposed" and "was 0" in daemon.versions.read(1).history[-1][1]
+
+
 @pytest.mark.parametrize(("who", "state"), [("ann", "proposed"), ("policy", "trying")])
 def test_what_a_person_accepted_beyond_the_policy_does_not_come_back_by_it(
     who: str, state: str, tmp_path: Path
@@ -230,7 +239,24 @@ def test_what_was_not_remembered_before_a_kill_is_remembered_by_the_next(tmp_pat
     daemon = accepted(tmp_path / "healed")
     daemon.run(400.0)
     assert daemon.works[-1].name == "remember" and daemon.versions.read(1).evidence["watched"]
-    again = PlayedDaemon(tmp_path / "healed")
-    again.run(10.0)
-    assert [(work.name, work.number) for work in again.works] == [("remember", 1)]
-    assert again.healing.phase == "watching"
+    version = daemon.versions.read(1)
+    del version.evidence["remembered"]  # killed between the two
+    daemon.versions.keep(version, daemon.t)
+    daemon.versions.add(daemon.t, state="left", reason="something newer")
+    for asked in ([("remember", 1)], []):
+        again = PlayedDaemon(tmp_path / "healed")
+        again.run(10.0)
+        assert [(work.name, work.number) for work in again.works] == asked
+        assert again.healing.phase == "watching"
+
+
+def test_what_waits_to_be_remembered_is_not_lost_to_what_is_computed(tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.answers["remember"] = {}  # by one without a memory
+    daemon.run(200.0)
+    assert daemon.versions.read(1).evidence["watched"] and "remembered" not in daemon.versions.read(1).evidence
+    daemon.versions.add(daemon.t, run="one", to_s=40.0, before=1)  # whose diagnosis was broken off
+    daemon.works.clear()
+    daemon.begin()
+    daemon.run(1.0)
+    assert {(one.name, one.number) for one in daemon.works} == {("remember", 1), ("diagnose", 2)}

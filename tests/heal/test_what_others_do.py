@@ -137,6 +137,21 @@ def test_a_controller_that_only_a_status_tells_of_ends_it(tmp_path: Path) -> Non
     assert daemon.healing.why == "mine.yaml acts, which is no version here: begin again with it"
 
 
+@pytest.mark.parametrize("by", ["a status", "an event"])
+def test_a_roll_back_that_comes_late_is_a_version_that_acts(by: str, tmp_path: Path) -> None:
+    daemon = accepted(tmp_path / "healed")
+    daemon.answers["weigh"], daemon.tells = BAD, False
+    daemon.acting = daemon.versions.read(1).key
+    daemon.run(300.0, lambda: daemon.healing.phase == "watching")
+    assert daemon.state() == "accepted" and "did not take over within 25 s" in daemon.versions.read(1).reason
+    if by == "a status":
+        daemon.acting = daemon.versions.read(0).key
+    else:
+        daemon.healing.note("controller", {"command": "controller", "sha256": "0" * 64})
+    daemon.run(4.0)
+    assert daemon.healing.settled and daemon.healing.why == "version 0 acts: begin again with it"
+
+
 def test_a_copy_of_the_version_and_what_was_accepted_just_now_are_no_others(tmp_path: Path) -> None:
     daemon = PlayedDaemon(tmp_path / "healed")
     found = daemon.versions.read(0)
@@ -183,3 +198,36 @@ def test_a_law_that_somebody_tried_and_accepted_ends_it(tmp_path: Path) -> None:
     daemon.run(5.0)
     daemon.healing.note("operator", {"command": "accept"})
     assert daemon.healing.over and "somebody else changed the controller" in daemon.healing.why
+
+
+@pytest.mark.parametrize("what", ["hand", "experiment"])
+@pytest.mark.parametrize("answer", ["takes over", "refuses", "says nothing"])
+def test_who_acts_while_a_trial_is_asked_for_does_not_end_it(what: str, answer: str, tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.tells = False
+    daemon.run(200.0, lambda: daemon.healing.phase == "asked")
+    daemon.healing.note(*BEGINS[what])
+    daemon.run(1.0)
+    assert daemon.healing.phase == "asked" and daemon.names == ["trial"]
+    daemon.healing.note(*ENDS[what])
+    if answer == "takes over":
+        daemon.healing.note("controller", {"command": "trial", "sha256": "abc123abc123" + "0" * 52})
+        daemon.run(2.0)
+        assert daemon.state() == "trying" and [one.name for _, one in daemon.orders].count("alive") >= 1
+    elif answer == "refuses":
+        daemon.healing.note("command_refused", {"command": "trial", "reason": "mine.yaml is on experiment"})
+        assert daemon.state() == "refused"
+    else:
+        daemon.run(25.0)
+        assert daemon.state() == "refused" and "within 25 s" in daemon.versions.read(1).reason
+
+
+def test_a_loop_that_stops_while_a_trial_is_asked_for_ends_it(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed")
+    daemon.drift()
+    daemon.tells = False
+    daemon.run(200.0, lambda: daemon.healing.phase == "asked")
+    daemon.running = False
+    daemon.run(0.1)
+    assert daemon.state() == "went_back" and daemon.versions.read(1).reason == "the law no longer acts"
