@@ -73,4 +73,10 @@ def read_at_start(t: Array, y: Array, lag_s: float) -> float:
     used = there[: max(within, FEWEST_SAMPLES)]
     if len(used) < FEWEST_SAMPLES:
         return float("nan")
-    return float(np.polynomial.Polynomial.fit(t[used] - t[0], y[used], 1)(0.0))
+    return line_at_start(t[used] - t[0], y[used])[0]
+
+
+def line_at_start(when: Array, y: Array) -> tuple[float, float]:
+    """Value at the start and slope of the straight line through samples `when` (n,) s after it."""
+    slope, value = np.polyfit(when, y, 1)
+    return float(value), float(slope)

@@ -89,6 +89,7 @@ class Simulator:
         self.windows = windows
         self.composite: Composite = composite_of(windows.stretch.plant, fitting_effects(windows.stretch.plant, effects))
         self.held = Held.of(windows.stretch)
+        self._read: dict[tuple[str, float], Array] = {}  # where sensors were at the starts, by time constant
 
     def run(self, values: Columns, start: Array) -> Array:
         """States (n, nz, b, k) from starts (nx, b, k); `values`: one for all k columns, or one for each."""
@@ -140,12 +141,12 @@ class Simulator:
         w, lag_s = self.windows, float(values.get(lag, 0.0))
         if channel is None:
             return low_passed(self._demands(values), np.diff(self.held.t), lag_s)[w.first]
-        row, t = self.composite.channels.index(channel), w.stretch.t
-        found = [
-            read_at_start(t[a : a + n], w.y[:n, row, i], lag_s)
-            for i, (a, n) in enumerate(zip(w.first, w.count, strict=True))
-        ]
-        return np.array(found)
+        if (channel, lag_s) not in self._read:  # starts and parameters are tried again and again beside the same one
+            row, t = self.composite.channels.index(channel), w.stretch.t
+            spans = enumerate(zip(w.first, w.count, strict=True))
+            found = [read_at_start(t[a : a + n], w.y[:n, row, i], lag_s) for i, (a, n) in spans]
+            self._read[channel, lag_s] = np.array(found)
+        return self._read[channel, lag_s]
 
     def _demands(self, values: Mapping[str, float]) -> Array:
         """(n-1,) what the drive's lag followed in each step, its maps taken at rest."""

@@ -32,9 +32,10 @@ def input_doubts(nominal: HypothesisFit, base: HypothesisFit, final: HypothesisF
     """
     stretches = [track.stretch for track in nominal.tracks]
     named = base.criterion - final.criterion
+    largest = np.max([np.abs(one.inputs).max(axis=0) for one in stretches], axis=0)
     best, gain = "", max(threshold, LEAST_PART * named)
     for index, declared in enumerate(stretches[0].plant.inputs):
-        for factor, words in _others(declared, max(float(np.abs(_input(one, index)).max()) for one in stretches)):
+        for factor, words in _others(declared, largest[index]):
             changed = [_times(one, index, factor) for one in stretches]
             here = base.criterion - fit(changed, nominal.effects, nominal.values).criterion
             if here > gain:
@@ -60,15 +61,8 @@ def _sentence(name: str, words: str, nats: float, named: float) -> str:
     )
 
 
-def _input(stretch: Stretch, index: int) -> np.ndarray:
-    return stretch.u if index == 0 else stretch.others[:, index - 1]
-
-
 def _times(stretch: Stretch, index: int, factor: float) -> Stretch:
-    open_to = stretch.unresolved.copy()
+    inputs, open_to = stretch.inputs, stretch.unresolved.copy()
+    inputs[:, index] *= factor
     open_to[:, index] *= factor
-    if index == 0:
-        return replace(stretch, u=stretch.u * factor, unresolved=open_to)
-    others = stretch.others.copy()
-    others[:, index - 1] *= factor
-    return replace(stretch, others=others, unresolved=open_to)
+    return replace(stretch, u=inputs[:, 0], others=inputs[:, 1:], unresolved=open_to)

@@ -73,7 +73,7 @@ def force_along(track: Track, fitted: Mapping[str, float], effect: Effect, value
     """(n-1, nq) an effect's generalised forces in the middle of every step of a reference."""
     assert effect.force is not None
     plant, n = track.composite.plant, len(track.z) - 1
-    inputs = np.column_stack([track.stretch.u, track.stretch.others])
+    inputs = track.stretch.inputs
     z, u, t = ca.SX.sym("z", track.composite.nz), ca.SX.sym("u", inputs.shape[1]), ca.SX.sym("t")
     force = effect.force(plant.point(z, track.local(fitted), u, t), Values(**{**effect.neutral(), **values}))
     # disturbances act on what the plant as declared has

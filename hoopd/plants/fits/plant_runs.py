@@ -19,7 +19,7 @@ from hoopd.plants.effects.base import Effect, ranges_of
 from hoopd.plants.fits.free_parameters import Scale, scale_within
 from hoopd.plants.fits.runs import FEWEST, SHORTEST_ROWS, ChannelSeries, Run
 from hoopd.plants.free_run import FreeRun
-from hoopd.plants.lag_starts import read_at_start
+from hoopd.plants.lag_starts import line_at_start, read_at_start
 from hoopd.plants.plant_with_effects import Composite
 from hoopd.plants.trajectory import Trajectory
 from hoopd.recording.recording import Recording, Signal, from_signals
@@ -184,6 +184,4 @@ def first_state(plant: Plant, t: Array, series: Mapping[str, ChannelSeries]) -> 
 
 def _line(t: Array, series: ChannelSeries) -> tuple[float, float]:
     """Value at the first node, and slope."""
-    when, y = t[series.nodes[:FIRST_SAMPLES]] - t[0], series.values[:FIRST_SAMPLES]
-    slope, value = np.polyfit(when, y, 1)
-    return float(value), float(slope)
+    return line_at_start(t[series.nodes[:FIRST_SAMPLES]] - t[0], series.values[:FIRST_SAMPLES])

@@ -168,7 +168,7 @@ def _fourth_differences(one: Stretch, column: int) -> tuple[Array, Array]:
     """Fourth differences (n,) of readings that follow each other evenly, and every input from some readings before
     them on (n, inputs): its means from reading to reading."""
     seen = np.flatnonzero(np.isfinite(one.every[:, column]))
-    inputs = np.column_stack([one.u, one.others])
+    inputs = one.inputs
     count = max(len(seen) - DIFFERENCED - BEFORE, 0)
     if count == 0:
         return np.zeros(0), np.zeros((0, WINDOW * inputs.shape[1]))

@@ -70,6 +70,11 @@ class Stretch:
         return np.diff(self.t)
 
     @property
+    def inputs(self) -> Array:
+        """(n-1, inputs) all of them."""
+        return np.column_stack([self.u, self.others])
+
+    @property
     def samples(self) -> int:
         """Readings that count."""
         return int(np.isfinite(self.y).sum())
