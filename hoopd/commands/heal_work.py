@@ -27,6 +27,7 @@ from hoopd.heal.cost_promise import LoopCosts, controller_kind, loop_costs
 from hoopd.heal.filter_evidence import LEAST_NATS, FilterEvidence, filter_evidence
 from hoopd.heal.plan import REMEMBER, REMEMBERED, HealWork
 from hoopd.heal.version_copies import LayIn, laid_copy
+from hoopd.heal.weighing import GAIN_OF_BEFORE
 from hoopd.plants.hoop.loop.writeback import unused
 from hoopd.plants.model_file import effects_of, load_model
 from hoopd.recording.slices import read_recording
@@ -180,13 +181,14 @@ class HealWorker:
 
     def _weigh(self, work: HealWork) -> dict[str, Any]:
         version = self.folder.read(work.number)
-        new = self.folder.of(version.acts_as)
+        before, new = self.folder.of(version.before), self.folder.of(version.acts_as)
         seconds = read_recording(f"{self.recording()}@{work.from_s:.3f}:{work.to_s:.3f}")
-        costs = loop_costs(seconds, self.folder.of(version.before), new, self.by)
+        costs = loop_costs(seconds, before, new, self.by)
         if costs.seconds < LEAST_SHARE * (work.to_s - work.from_s):
             told = f"{costs.seconds:.1f} s of {work.to_s - work.from_s:.1f} s"
             raise ValueError(f"nothing to be weighed: the recording has {told} in which the law acts")
-        return {**asdict(costs), "from_s": work.from_s}
+        gain = filter_evidence(seconds, acting=new, other=before)
+        return {**asdict(costs), GAIN_OF_BEFORE: asdict(gain), "from_s": work.from_s}
 
     def _cut(self, work: HealWork, path: Path) -> None:
         """Seconds of the daemon's recording, kept as evidence."""

@@ -1,4 +1,5 @@
-"""Does a version keep what it promised? What its seconds cost, beside what simulation says of the same references.
+"""Does a version keep what it promised? What its seconds cost, beside what simulation says of the same references, and
+whether its model still explains them better than the one of before: what was learned may go again.
 
 Rules of this file: numbers in, a reason out; pure.
 """
@@ -10,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from hoopd.design.comparison import BALL
+from hoopd.heal.filter_evidence import FilterEvidence
 
 # A cost of so much more than what was promised is no promise kept; of more than the law of before would have: worse.
 KEPT, WORSE = 1.2, 1.05
+GAIN_OF_BEFORE = "gain_of_before"  # what the model of before gains over the version's on the weighed seconds
 # After a version was accepted: so many rounds are weighed, and so many bad ones in a row give it up.
 SETTLING_ROUNDS, BAD_ROUNDS = 4, 2
 
@@ -29,7 +32,9 @@ def verdict(costs: Mapping[str, Any], promise: Mapping[str, Any], by: str = BALL
     ----------
     costs : mapping
         `measured` beside what simulation says of the new law (`new`) and of the one of before (`before`) for the same
-        references: rad rms, or the cost of the design.
+        references: rad rms, or the cost of the design. `GAIN_OF_BEFORE`, where it was computed: the fields of
+        `filter_evidence.FilterEvidence` of the model of before over the new one; what has gone again costs no more than
+        was promised, and the simulation of both laws is of a device that is no more.
     promise : mapping
         The same of the minutes in which the law of before acted (`measured_0`, `before_0`); empty: nothing is added.
     by : str
@@ -46,6 +51,9 @@ def verdict(costs: Mapping[str, Any], promise: Mapping[str, Any], by: str = BALL
     measured = costs["measured"]
     if measured > KEPT * new and measured > WORSE * before:
         return f"it costs {measured:.3g}, {new:.3g} were promised, and the law of before would cost {before:.3g}"
+    gain = FilterEvidence(**costs.get(GAIN_OF_BEFORE, {"nats": 0.0, "errors": 0.0, "seconds": 0.0}))
+    if gain.is_clear:
+        return f"the model of before explains it better: {gain.nats:.0f} nats on {gain.seconds:.0f} s"
     return ""
 
 

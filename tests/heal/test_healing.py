@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from heal.played_daemon import BAD, COMPUTES_S, FRICTION, PROVEN, PlayedDaemon
+from heal.played_daemon import BAD, COMPUTES_S, FRICTION, GOOD, PROVEN, PlayedDaemon
 
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import HealDecision
@@ -92,6 +92,30 @@ def test_a_trial_that_costs_more_goes_back(tmp_path: Path) -> None:
     daemon.run(200.0)
     assert daemon.names == ["trial", "revert"] and daemon.state() == "went_back"
     assert daemon.versions.loop().acting == 0
+
+
+def test_what_was_learned_and_has_gone_again_goes_back_though_it_costs_no_more_than_promised(tmp_path: Path) -> None:
+    gone = GOOD | {"gain_of_before": {"nats": 40.0, "errors": 4.0, "seconds": 25.0}}
+    trial = PlayedDaemon(tmp_path / "trial", answers={"weigh": gone})
+    trial.drift()
+    trial.run(200.0)
+    assert trial.names == ["trial", "revert"] and trial.state() == "went_back"
+    assert trial.versions.read(1).reason == "the model of before explains it better: 40 nats on 25 s"
+    watched = PlayedDaemon(tmp_path / "watched")
+    watched.drift()
+    watched.run(300.0, lambda: watched.healing.phase == "settling")
+    watched.answers["weigh"] = gone
+    watched.run(60.0, lambda: watched.healing.phase == "weighing")
+    watched.run(6.0)
+    assert watched.state() == "accepted"  # one round is none
+    watched.run(100.0)
+    assert watched.state() == "rolled_back" and watched.versions.loop().acting == 0
+    assert [one["bad"] != "" for one in watched.versions.read(1).evidence["rounds"]] == [False, True, True]
+
+
+def test_a_model_that_is_as_good_as_that_of_before_keeps_its_promise() -> None:
+    for nats, errors in ((2.9, 5.0), (50.0, 1.9), (-50.0, -5.0)):
+        assert verdict(GOOD | {"gain_of_before": {"nats": nats, "errors": errors, "seconds": 25.0}}, {}) == ""
 
 
 def test_what_the_daemon_refuses_or_takes_back_is_written_down(tmp_path: Path) -> None:
