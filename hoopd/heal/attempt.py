@@ -6,7 +6,7 @@ Rules of this file: it decides nothing; every change is written down before anyt
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,6 +66,15 @@ class Attempt:
     def compute(self, name: str, from_s: float, to_s: float) -> None:
         """Ask for a computation."""
         self._work, self._is_begun = HealWork(name, self.version.number, from_s, to_s), False
+
+    def weigh(self, from_s: float) -> None:
+        """Ask what the seconds since then cost."""
+        self.enter("weighing")
+        self.compute("weigh", from_s, self.watch.t)
+
+    def keep_round(self, result: Mapping[str, Any], bad: str) -> None:
+        """What was weighed, and why it is bad, as evidence."""
+        self.version.evidence.setdefault("rounds", []).append({**result, "bad": bad})
 
     def remember(self, version: HealVersion) -> None:
         """Ask that what a version has found is remembered; the second time changes nothing."""

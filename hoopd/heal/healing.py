@@ -3,8 +3,8 @@
     watching -> gathering -> diagnosing -> waiting -> proving -> proposed -> decided      (`proposal`)
                                  |                       |           |          |
                                 left                    left        left        v
-    watching <- settling <- weighing <- trying <--------------------------- asked         (`probation`)
-                    |           |          |                                  |
+    watching <- settling <- weighing <- trying <--------------------------- asked         (`probation`,
+                    |           |          |                                  |            `acceptance_watch`)
                rolled back  went back  went back                           refused
 
 (`accepting` stands between weighing and settling, `rolling` between settling and rolled back: until the daemon tells.)
@@ -24,6 +24,7 @@ from hoopd.design.comparison import WantedCommand
 from hoopd.design.yardstick import TickSample
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import FOUND, HealVersion, VersionFolder
+from hoopd.heal.acceptance_watch import AcceptanceWatch
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.change import OF_THE_COMPUTER
 from hoopd.heal.loop_watch import ANOTHER, DRIVEN
@@ -55,12 +56,13 @@ class Healing:
     ) -> None:
         """`clock`: s, of dates; `run`: name of the daemon's run; `tell`: a line for whoever looks."""
         self._in_hand = Attempt(folder, plan, clock, tell, run)
-        self._proposal, self._probation = VersionProposal(self._in_hand), Probation(self._in_hand)
+        self._proposal, self._acceptance = VersionProposal(self._in_hand), AcceptanceWatch(self._in_hand)
+        self._probation = Probation(self._in_hand, self._acceptance)
         self._controller = ToldController(self._in_hand)
         self._policy, self._asked_at = policy, 0.0
         self._began = self._over = self._settled = False
         self.why = ""
-        if not self._probation.take_up() and self._proposal.take_up():
+        if not self._acceptance.take_up() and self._proposal.take_up():
             self._ask_policy()
 
     @property
@@ -97,6 +99,7 @@ class Healing:
                 self._ask_policy_again(self._policy)
             self._proposal.advance()
             self._probation.advance()
+            self._acceptance.advance()
         orders, self._in_hand.orders = tuple(self._in_hand.orders), []
         self._settled = self._settled or (self.over and not self._probation.may_take_over)
         return orders
@@ -138,7 +141,7 @@ class Healing:
         """Active faults and the accepted controller, as a status tells them: what began before anybody listened, and
         what was not heard. `acting`: NAME.yaml@SHA256, empty while another one acts, None where nobody tells."""
         if acting is not None:
-            self._probation.acts(acting)
+            self._acceptance.acts(acting)
             if not self.over and (why := self._controller.see(acting)):
                 self.stop(why)
         rows = [BY_NAME[name] for name in faults if name in BY_NAME]
@@ -197,7 +200,7 @@ class Healing:
         if self.phase == "gathering":
             self._in_hand.enter("watching")
         if self._in_hand.watch.running:
-            self._probation.law_begins()
+            self._acceptance.law_begins()
         else:
             self._probation.law_stops()
 

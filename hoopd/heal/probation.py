@@ -1,8 +1,8 @@
-"""From a word to a version that acts: on trial, weighed, accepted, watched for a while, given up when it fails.
+"""From a word to a version that acts: on trial, weighed, accepted; what comes after that is another file's.
 
-    decided -> asked -> trying -> weighing -> accepting -> settling -> watching
-       ^         |         |          |                        |
-       |      refused  went back  went back              rolling -> rolled back
+    decided -> asked -> trying -> weighing -> accepting -> settling ...     (`acceptance_watch`)
+       ^         |         |          |
+       |      refused  went back  went back
        +-------- taken back by the daemon, and as good as promised
 
 A trial is the daemon's: it goes back inside the tick, and when nobody says for five seconds that it is watched.
@@ -18,21 +18,19 @@ from typing import Any
 from hoopd.core.succession import ACCEPT, ALIVE, CONTROLLER, REVERT, REVERTED, TRIAL
 from hoopd.core.trial import DEAR, SILENT
 from hoopd.design.comparison import REST_S
-from hoopd.files.heal_versions import FOUND, HealVersion
+from hoopd.heal.acceptance_watch import AcceptanceWatch
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.loop_watch import ANOTHER, TUNED
-from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, REMEMBERED, WEIGH_S
-from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds, verdict
+from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, WEIGH_S
+from hoopd.heal.weighing import verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
 # for one, or because nobody was heard, is weighed by all of its seconds, and tried so often where these keep the
 # promise; once more where they are too few. What a fault or a person ended is over.
 TRIES_KEPT, TRIES_UNWEIGHED = 4, 2
 LEAST_WEIGHED_S = 5.0
-FAULT_S = 1.0  # a fault that is told so soon after the law stopped is what stopped it
 SOMEBODY = "somebody else changed the controller: begin again with what acts now"
 SOMEBODY_TRIES = "somebody else tries another law"
-WATCHED = "watched"  # in a version's evidence: the watch over it is over
 
 
 def _is_one_of(keys: Iterable[str], sha256: str) -> bool:
@@ -44,27 +42,10 @@ def _is_one_of(keys: Iterable[str], sha256: str) -> bool:
 class Probation:
     """The second half of a version's way."""
 
-    def __init__(self, attempt: Attempt) -> None:
-        self._in_hand, self._rounds, self._alive_at = attempt, WeighedRounds(), 0.0
+    def __init__(self, attempt: Attempt, acceptance: AcceptanceWatch) -> None:
+        self._in_hand, self._acceptance, self._alive_at = attempt, acceptance, 0.0
         self._unanswered = ""  # NAME.yaml@SHA256 of what was asked for, until the daemon tells what became of it
         self._taken_back = ""  # why the daemon took back what is being weighed
-        self._has_failed = False  # a fault took the torque away, and the law has not acted since
-
-    def take_up(self) -> bool:
-        """Go on with the watch over a version that acts, where the one before was broken off in it."""
-        hand = self._in_hand
-        every = list(hand.folder.every())
-        for one in every:
-            if one.evidence.get(WATCHED) and not one.evidence.get(REMEMBERED):
-                hand.remember(one)  # the one before may have ended between the two, or had no memory
-        for one in every[-1:]:
-            watched = one.kind == FOUND or one.evidence.get(WATCHED)
-            if one.state == "accepted" and not watched and one.acts_as == hand.folder.loop().acting:
-                hand.take(one)
-                hand.enter("settling")
-                hand.tell(f"version {one.number} acts; its watch begins anew")
-                return True
-        return False
 
     @property
     def may_take_over(self) -> bool:
@@ -83,27 +64,12 @@ class Probation:
         elif hand.phase == "accepting" and hand.passed_s > BACK_S:
             self._accepted()  # neither refused nor gone back: the word of it was lost
         elif hand.phase == "trying" and hand.passed_s >= ENTER_S + hand.plan.trial_s:
-            self._weigh(hand.since + ENTER_S)
-        elif hand.phase == "rolling" and hand.passed_s > PATIENCE_S:
-            self._stays(f"the one of before did not take over within {PATIENCE_S:g} s")
+            hand.weigh(hand.since + ENTER_S)
         elif hand.phase == "weighing" and hand.passed_s > WEIGH_S:
             self.failed_to_weigh(f"it was not weighed within {WEIGH_S:g} s")
-        elif hand.phase == "settling" and self._round_is_full:
-            self._weigh(watch.t - hand.plan.round_s + (ENTER_S if self._rounds.count == 0 else 0.0))
         if hand.on_trial and watch.t - self._alive_at >= ALIVE_S:
             self._alive_at = watch.t
             hand.order(ALIVE)
-
-    @property
-    def _round_is_full(self) -> bool:
-        """Whether the law acted for a whole round since the last one, and since it began to act."""
-        hand, watch = self._in_hand, self._in_hand.watch
-        acts_s = watch.t - watch.acts_since - ENTER_S if watch.running else 0.0
-        return min(hand.passed_s, acts_s) >= hand.plan.round_s
-
-    def law_begins(self) -> None:
-        """The law acts again."""
-        self._has_failed = False
 
     def law_stops(self) -> None:
         """The law no longer acts: the daemon forgets who waits where none does, not beside another one or a hand."""
@@ -113,11 +79,9 @@ class Probation:
     def law_fails(self, why: str) -> None:
         """A fault took the torque away: under what was accepted a bad round, one until the law acts again."""
         hand, watch = self._in_hand, self._in_hand.watch
-        acted = (watch.running or watch.t - watch.acts_since <= FAULT_S) and not watch.is_foreign(ANOTHER)
         watched = hand.phase in ("settling", "weighing") and not hand.on_trial and not self._taken_back
-        if acted and watched and not self._has_failed:
-            self._has_failed = True
-            self._weighed_round({}, why)
+        if watched and not watch.is_foreign(ANOTHER):
+            self._acceptance.law_fails(why)
 
     def begin(self, by: str) -> None:
         """Somebody said yes."""
@@ -135,7 +99,7 @@ class Probation:
         elif hand.phase in ("trying", "weighing") and hand.on_trial:
             self.take_back(why)
         elif hand.phase == "settling":
-            self._roll_back(why)
+            self._acceptance.roll_back(why)
 
     def break_off(self, reason: str) -> None:
         """What is on trial goes back; a person who said yes is asked again."""
@@ -153,10 +117,6 @@ class Probation:
         self._unanswered = hand.version.key
         hand.order(TRIAL, hand.version.key)
 
-    def _weigh(self, from_s: float) -> None:
-        self._in_hand.enter("weighing")
-        self._in_hand.compute("weigh", from_s, self._in_hand.watch.t)
-
     # ------------------------------------------------------------------------------------------ what the daemon tells
 
     def took_over(self, fields: Mapping[str, Any]) -> str:
@@ -165,8 +125,8 @@ class Probation:
         if command == TRIAL and _is_one_of([self._unanswered], sha256):
             self._unanswered = ""
             self._trial_begins()
-        elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._before.keys, sha256):
-            self._rolled_back()
+        elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._acceptance.before.keys, sha256):
+            self._acceptance.rolled_back()
         elif command == CONTROLLER:
             having = [one.acts_as for one in hand.folder.every() if _is_one_of(one.keys, sha256)]
             return f"version {having[-1]} acts: begin again with it" if having else SOMEBODY
@@ -215,28 +175,7 @@ class Probation:
         elif hand.phase == "accepting" and command == ACCEPT:
             hand.end("went_back", f"it could not be accepted: {reason}")
         elif hand.phase == "rolling" and command == CONTROLLER:
-            self._stays(f"the daemon did not take the one of before: {reason}")
-
-    def acts(self, key: str) -> None:
-        """The controller that a status has as accepted: where the word of a roll-back was lost."""
-        hand = self._in_hand
-        if hand.phase == "rolling" and hand.passed_s > BACK_S and key in self._before.keys:
-            self._rolled_back()
-
-    @property
-    def _before(self) -> HealVersion:
-        """The version that acted before the one in hand."""
-        return self._in_hand.folder.read(self._in_hand.version.before)
-
-    def _rolled_back(self) -> None:
-        self._in_hand.watch.law_changed()
-        self._in_hand.end("rolled_back")
-
-    def _stays(self, why: str) -> None:
-        """What was accepted acts on, though it is bad."""
-        hand = self._in_hand
-        hand.folder.acts(hand.version.acts_as)
-        hand.end("accepted", f"{hand.version.reason}; {why}")
+            self._acceptance.stays(f"the daemon did not take the one of before: {reason}")
 
     def returned(self, reason: str) -> None:
         """The daemon took the trial back."""
@@ -253,7 +192,7 @@ class Probation:
         hand.watch.acts_since = hand.watch.t
         self._taken_back = reason
         if hand.phase == "trying" and hand.passed_s >= ENTER_S + LEAST_WEIGHED_S:
-            self._weigh(hand.since + ENTER_S)
+            hand.weigh(hand.since + ENTER_S)
         elif hand.phase != "weighing":
             self._try_again(TRIES_UNWEIGHED)
 
@@ -289,8 +228,7 @@ class Probation:
         hand.keep("accepted", f"accepted by {version.decided_by}: its cost is as promised")
         hand.folder.acts(version.acts_as)
         hand.watch.law_changed()
-        self._rounds = WeighedRounds()
-        hand.enter("settling")
+        self._acceptance.begin()
         hand.tell(f"version {version.number} is accepted: {version.reason}")
 
     # ------------------------------------------------------------------------------------------ what it costs
@@ -303,9 +241,9 @@ class Probation:
             if bad and hand.watch.is_foreign(ANOTHER):
                 hand.enter("settling")  # the daemon would refuse to bring another one back: weighed anew after that
             else:
-                self._weighed_round(result, bad)
+                self._acceptance.weighed(result, bad)
             return
-        self._keep_round(result, bad)
+        hand.keep_round(result, bad)
         if self._taken_back:
             self._weighed_back(bad)
         elif bad:
@@ -334,28 +272,3 @@ class Probation:
             self._end_taken_back(bad)
         else:
             self._try_again(TRIES_KEPT)
-
-    def _keep_round(self, result: Mapping[str, Any], bad: str) -> None:
-        self._in_hand.version.evidence.setdefault("rounds", []).append({**result, "bad": bad})
-
-    def _weighed_round(self, result: Mapping[str, Any], bad: str) -> None:
-        hand = self._in_hand
-        self._keep_round(result, bad)
-        self._rounds.add(bad)
-        if self._rounds.is_given_up:
-            self._roll_back(bad)
-        elif self._rounds.is_settled:
-            hand.note(**{WATCHED: True})
-            hand.remember(hand.version)
-            hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
-        else:
-            hand.keep("accepted")
-            hand.enter("settling")
-
-    def _roll_back(self, why: str) -> None:
-        """The version of before, by one command."""
-        hand, before = self._in_hand, self._before
-        hand.version.reason = why
-        hand.enter("rolling")
-        hand.order(CONTROLLER, before.keys[0])
-        hand.folder.acts(before.number)
