@@ -5,8 +5,8 @@
     experiment  READY, RUNNING: plays once; at its end the accepted one is back
 
 A law whose memory means something else than the acting law's follows for half a second before it takes over; one with
-a filter of its own for two, and only if the innovations fit. Whatever switches off, and whatever ends RUNNING, ends
-a trial or an experiment with the accepted controller and forgets who waits.
+a filter of its own for two, and only if the innovations fit. `revert`, whatever switches off, and whatever ends
+RUNNING, ends a trial or an experiment with the accepted controller and forgets who waits.
 
 Rules of this file: pure; limits never widen: no law gets more than the run began with, and a signal that would need
 more is refused; every command is told once, obeyed or refused.
@@ -96,6 +96,9 @@ class Succession:
         """Obey or refuse one command of `NAMES`."""
         if command.name in LOADED:
             self._load(command, mode, t)
+        elif command.name == REVERT and self._waiting is not None:
+            self._tell("operator", "info", command=REVERT)
+            self._forget(REVERTED)
         elif command.name == REVERT and self.acting is not self.accepted:
             self._revert(mode, t)
         elif self._trial is None or self._reverted:
@@ -189,11 +192,21 @@ class Succession:
         self._waiting = _Waiting(made, purpose, t + wait_s, shadow)
 
     def _revert(self, mode: Mode, t: float) -> None:
-        """Back in this tick: while the law acts that is where its torque is asked for."""
+        """Back in this tick: while the law acts that is where its torque is asked for. What is given up first, as a
+        maneuver that brakes the hoop, ends by itself; the second time it is back all the same."""
         self._tell("operator", "info", command=REVERT)
+        if self._gives_up(mode):
+            return
         self._reverted = True
         if mode is not Mode.RUNNING:
             self._back(t, REVERTED)
+
+    def _gives_up(self, mode: Mode) -> bool:
+        """Whether the acting law ends its plan by itself from now on."""
+        give_up = self._of_a_plan("give_up", mode)
+        with suppress(Exception):
+            return callable(give_up) and give_up(REVERTED) is True
+        return False
 
     def _accept(self) -> None:
         self._trial, self.accepted, self.purpose = None, self.acting, CONTROLLER
@@ -205,9 +218,7 @@ class Succession:
     def leave(self, mode: Mode, t: float) -> None:
         """A tick without the law's torque: who waits is forgotten, the accepted one is back."""
         self._baseline.clear()
-        if self._waiting is not None:
-            purpose, self._waiting = self._waiting.purpose, None
-            self._refuse(purpose, self._in_mode(mode))
+        self._forget(self._in_mode(mode))
         if self.acting is not self.accepted and (self._began or mode is not Mode.READY):
             self._back(t, self._in_mode(mode))
 
@@ -288,6 +299,12 @@ class Succession:
         self._trial, self._reverted = None, False
         self._baseline.clear()
         self._tell(name, level, file=left, reason=reason, back_to=self.acting.label.name)
+
+    def _forget(self, reason: str) -> None:
+        """Who waits does not take over."""
+        if self._waiting is not None:
+            purpose, self._waiting = self._waiting.purpose, None
+            self._refuse(purpose, reason)
 
     def _in_mode(self, mode: Mode) -> str:
         return mode_words(mode, self._because())

@@ -4,7 +4,8 @@
     plan     u_k = u*_k - K_k (x_k - x*_k),  one row a tick
     over     ends as `DONE`; the law of before is back in the same tick; where the plan ends on an inner hoop it lets
              the ball down first, as if it had been given up
-    given up the hoop is braked until hoop and ball are nearly at rest, then it ends with the reason
+    given up the hoop is braked until hoop and ball are nearly at rest, then it ends with the reason; so it is by
+             somebody's word, while what the plan suspends stays suspended: the ball was where it should be
 
 Rules of this file: pure; a plan is played once; what it left it never takes up again; the torque of a maneuver that was
 given up is the brake's alone, and the brake ends whatever the ball does.
@@ -145,12 +146,13 @@ class MotionTracker:
         self._k = 0
         self._origin = np.zeros(4)
         self._given_up, self._braking_since = "", nan
+        self._is_off_plan = False  # which is why it was given up
         self.ended = ""
 
     @property
     def suspended(self) -> tuple[str, ...]:
         """Rows of the fault table that the plan would raise, while it is played and no longer."""
-        if self._k == 0 or (self._given_up and self._given_up != DONE) or self.ended:
+        if self._k == 0 or self._is_off_plan or self.ended:
             return ()
         return (*self.plan.suspends, *(self.plan.flight.suspends if self.plan.flight and self._flies else ()))
 
@@ -174,6 +176,7 @@ class MotionTracker:
             return 0.0, {}
         if not self._given_up:
             self._given_up = self._breach(measurement)
+            self._is_off_plan = bool(self._given_up)
         if self._given_up:
             return self._braked(measurement), {}
         if self._k >= len(self.plan.torques_nm):
@@ -190,6 +193,13 @@ class MotionTracker:
             "planned_psi_rad": float(planned[2]),
             "feedback_nm": -fed_back,
         }
+
+    def give_up(self, reason: str) -> bool:
+        """Brake from the next tick on; False where it is not played, or was given up before."""
+        if self._k == 0 or self.ended or self._given_up not in ("", DONE):
+            return False
+        self._given_up = reason
+        return True
 
     def follow(self, measurement: Measurement) -> tuple[float, Log]:
         """Another law drives the hoop: the plan has not begun."""

@@ -330,6 +330,39 @@ def test_a_fault_during_a_maneuver_ends_it_without_torque(gone: str, mode: str) 
     assert outputs[-1].record.mode == mode and outputs[-1].command.torque_nm == 0.0
 
 
+def test_a_revert_gives_it_up_into_the_brake_and_the_second_one_gives_the_drive_back_at_once() -> None:
+    rig = ready()
+    carried(rig, 2.0)
+    rig.step(Command("experiment", text="round"))
+    rig.run(20)
+    law = rig.tick.succession.acting.law
+    rig.step("revert")
+    assert rig.tick.succession.acting.law is law
+    assert rig.tick.succession.suspended(rig.tick.mode) == ("ball_runaway",)  # a ball on its plan is none
+    braked = rig.step()
+    assert braked.command.torque_nm == pytest.approx(Brake().torque(braked.record.x_hat[1]), abs=5e-4)
+    rig.step("revert")
+    assert rig.tick.succession.acting is rig.tick.succession.accepted and rig.mode == "RUNNING"
+    assert [note.fields["reason"] for note in rig.notes if note.name == "experiment_ended"] == ["reverted"]
+    given_up = ready()
+    carried(given_up, 2.0)
+    given_up.step(Command("experiment", text="round"))
+    given_up.run(20)
+    given_up.step("revert")
+    given_up.run(200)
+    told = [note.fields["reason"] for note in given_up.notes if note.name == "experiment_ended"]
+    assert told == ["given up: reverted"] and not given_up.refused()
+
+
+def test_who_lets_the_ball_down_brakes_on_when_it_is_reverted_and_is_not_done() -> None:
+    law = MotionTracker(planned(let_down=True))
+    asked(law, *STATES[:3], [0.3, 6.0, 0.1, 0.0])
+    assert law.give_up("reverted") and not law.give_up("reverted") and not law.ended
+    asked(law, *[STATES[0]] * 2)
+    assert law.ended == "given up: reverted" and not law.give_up("reverted")
+    assert not MotionTracker(planned()).give_up("reverted")  # not begun
+
+
 def test_a_ball_out_of_sight_pauses_it_and_it_does_not_go_on() -> None:
     rig = ready()
     carried(rig)

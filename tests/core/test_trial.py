@@ -6,7 +6,7 @@ import itertools
 from math import inf, nan
 
 import pytest
-from core.test_succession import LIMIT_NM, Turn, in_force, load, named, with_laws
+from core.test_succession import LIMIT_NM, Cold, Turn, in_force, load, named, with_laws
 from harness.smallrig import PERIOD_S, SmallRig, running
 
 from hoopd.core.controllers import Log, Measurement
@@ -114,6 +114,20 @@ def test_reverted_it_is_back_in_that_tick_without_a_step() -> None:
     assert returned(rig) == ["reverted"] and in_force(rig) == "" and abs(after - before) < 0.01
     rig.step("revert")
     assert rig.refused() == [("revert", "there is no trial")]
+
+
+@pytest.mark.parametrize("purpose", ["trial", "controller"])
+def test_who_waits_is_forgotten_when_it_is_reverted(purpose: str) -> None:
+    rig = with_laws(running(), other=named(Cold(0.02)))
+    rig.run(TICKS_OF_BASELINE)
+    rig.step(load("other", purpose))
+    assert rig.tick.succession.waiting == "other.yaml"
+    rig.step("revert")
+    assert rig.refused() == [(purpose, "reverted")] and rig.tick.succession.waiting == ""
+    rig.run(200)
+    assert in_force(rig) == "" and returned(rig) == []
+    rig.step("revert")
+    assert rig.refused()[-1] == ("revert", "there is no trial")
 
 
 @pytest.mark.parametrize("name", ["disarm", "stop", "shutdown"])

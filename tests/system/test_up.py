@@ -76,6 +76,16 @@ def test_it_is_thrown_to_the_top_held_and_let_down(tmp_path: Path, restitution: 
     assert {tick.ball_mode for tick in read_run(tmp_path / "run.mcap").ticks} >= {"", "rolling", "air", "inner"}
 
 
+def test_a_revert_on_the_top_lets_the_ball_down_before_the_law_of_the_bottom_has_it(tmp_path: Path) -> None:
+    result = played(tmp_path, 0.0, "sim.commands=[{at_s: 3.5, name: revert}]")
+    (attempt,) = result["attempts"]
+    assert attempt["ended"] == "given up: reverted" and attempt["settled_s"] < 2.0, result
+    assert set(result["faults"]) <= {"ball_missing"}
+    run = read_run(tmp_path / "run.mcap")
+    (over,) = [event.t for event in run.events if event.event == "experiment_ended"]
+    assert max(abs(tick.u) for tick in run.ticks if 3.6 < tick.t < over) <= 0.1 + 1e-9
+
+
 def test_a_ball_that_is_lost_on_the_way_ends_with_the_torque_off(tmp_path: Path) -> None:
     result = played(tmp_path, 0.0, "sim.faults=[{kind: ball_gone, at_s: 2.36}]")
     assert result["succeeded"] == 0 and result["exit"] == 1 and result["faults"]["ball_lost"]
