@@ -6,7 +6,7 @@
 
 A law whose memory means something else than the acting law's follows for half a second before it takes over; one with
 a filter of its own for two, and only if the innovations fit. `revert`, whatever switches off, and whatever ends
-RUNNING, ends a trial or an experiment with the accepted controller and forgets who waits.
+RUNNING, ends a trial or an experiment with the accepted controller and forgets who waits (`revert`: for these two).
 
 Rules of this file: pure; limits never widen: no law gets more than the run began with, and a signal that would need
 more is refused; every command is told once, obeyed or refused.
@@ -96,7 +96,7 @@ class Succession:
         """Obey or refuse one command of `NAMES`."""
         if command.name in LOADED:
             self._load(command, mode, t)
-        elif command.name == REVERT and self._waiting is not None:
+        elif command.name == REVERT and self._waiting is not None and self._waiting.purpose != CONTROLLER:
             self._tell("operator", "info", command=REVERT)
             self._forget(REVERTED)
         elif command.name == REVERT and self.acting is not self.accepted:
@@ -151,9 +151,9 @@ class Succession:
         try:
             self._begin(command.name, self._made(command, mode), mode, t)
         except ValueError as error:
-            self._refuse(command.name, str(error))
+            self._refuse(command.name, str(error), _sha256(command))
         except Exception as error:  # whatever it is made of, the law that acts goes on
-            self._refuse(command.name, f"{type(error).__name__}: {error}")
+            self._refuse(command.name, f"{type(error).__name__}: {error}", _sha256(command))
 
     def _made(self, command: Command, mode: Mode) -> Installed:
         """What a command brings; ValueError with the reason why not."""
@@ -272,7 +272,7 @@ class Succession:
         misfit = waiting.shadow.misfit() if waiting.shadow is not None else ""
         if misfit or asked.failed or not isfinite(asked.torque_nm):
             reason = f"the model does not fit: {misfit}" if misfit else asked.failed or NO_NUMBER
-            self._refuse(waiting.purpose, reason)
+            self._refuse(waiting.purpose, reason, waiting.next.label.sha256)
             return False
         self._put(waiting.next, waiting.purpose, t, acts=True)
         return True
@@ -303,14 +303,21 @@ class Succession:
     def _forget(self, reason: str) -> None:
         """Who waits does not take over."""
         if self._waiting is not None:
-            purpose, self._waiting = self._waiting.purpose, None
-            self._refuse(purpose, reason)
+            waiting, self._waiting = self._waiting, None
+            self._refuse(waiting.purpose, reason, waiting.next.label.sha256)
 
     def _in_mode(self, mode: Mode) -> str:
         return mode_words(mode, self._because())
 
-    def _refuse(self, command: str, reason: str) -> None:
-        self._tell("command_refused", "warning", command=command, reason=reason)
+    def _refuse(self, command: str, reason: str, sha256: str = "") -> None:
+        """`sha256`: of the file that was to be loaded, for whoever asked for one of several."""
+        which = {"sha256": sha256} if sha256 else {}
+        self._tell("command_refused", "warning", command=command, reason=reason, **which)
+
+
+def _sha256(command: Command) -> str:
+    """Of the file that it loads, as far as its key tells it."""
+    return command.key.partition("@")[2]
 
 
 def check_limits(made: Installed, first: Installed) -> None:

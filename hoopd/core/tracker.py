@@ -238,6 +238,7 @@ class MotionTracker:
     def _braked(self, m: Measurement) -> float:
         """The brake's torque until hoop and ball are calm, or it has taken too long."""
         brake = self.plan.brake
+        self._k = min(self._k + 1, len(self.plan.torques_nm))  # a flight goes on as planned, and is over as planned
         if not isfinite(self._braking_since):
             self._braking_since = m.t
         calm = _known(m) and not brake.calm.breach(m.x, np.array([0.0, 0.0, tau * round(float(m.x[2]) / tau), 0.0]))

@@ -150,7 +150,7 @@ class ControllerComparison:
             self._took_over(fields)
         elif event == "trial_returned":
             self._returned(str(fields.get("reason", "")))
-        elif event == "command_refused" and fields.get("command") == TRIAL and self._phase == "asked":
+        elif event == "command_refused" and self._phase == "asked" and self._is_ours(fields):
             self._end(STOPPED, f"the candidate was refused: {fields.get('reason', '')}")
         elif event in MEDDLING or (event == "operator" and fields.get("command") == ACCEPT):
             self._end(STOPPED, "somebody else changed gains or controller, or drove the hoop, meanwhile")
@@ -250,13 +250,16 @@ class ControllerComparison:
             because = fields.get("because")
             told = mode_words(str(fields.get("mode")), map(str, because if isinstance(because, list) else ()))
             self.reason = f"{LEFT}: {told}"
-        if self._phase == "asked" and event in ("controller", "command_refused") and fields.get("command") == TRIAL:
+        told = event == "controller" and fields.get("command") == TRIAL
+        if self._phase == "asked" and (told or (event == "command_refused" and self._is_ours(fields))):
             self._phase = "before"
             if event == "controller" and self._is_ours(fields):
                 self._on_trial, self._farewell = True, False
 
     def _is_ours(self, fields: Mapping[str, Any]) -> bool:
-        return fields.get("command") == TRIAL and str(fields.get("sha256", "")).startswith(self._sha256)
+        """Whether a trial that is told is of the candidate; a refusal of none tells no file."""
+        sha256 = str(fields.get("sha256", self._sha256))
+        return fields.get("command") == TRIAL and sha256.startswith(self._sha256)
 
     def _took_over(self, fields: Mapping[str, Any]) -> None:
         if self._phase == "asked" and self._is_ours(fields):

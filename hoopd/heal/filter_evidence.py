@@ -36,11 +36,18 @@ LEAST_BLOCKS = 5
 
 @dataclass(frozen=True)
 class FilterEvidence:
-    """Of one model over another: nats in all, standard errors that this is from none, seconds that were looked at."""
+    """Of one model over another: nats in all, standard errors that this is from none, seconds that were looked at, and
+    which share it is of all that the acting one's filter is surprised by (1/2 of the sum of e^2)."""
 
     nats: float
     errors: float
     seconds: float
+    share: float = 0.0
+
+    @property
+    def pace(self) -> float:
+        """Nats a second."""
+        return self.nats / self.seconds if self.seconds > 0.0 else 0.0
 
     @property
     def is_clear(self) -> bool:
@@ -63,7 +70,8 @@ def filter_evidence(recording: Recording, acting: Path, other: Path) -> FilterEv
     FilterEvidence
         Nats that `other` gains.
     """
-    gains = (squared_surprises(recording, acting) - squared_surprises(recording, other)) / 2.0
+    surprises = squared_surprises(recording, acting) / 2.0
+    gains = surprises - squared_surprises(recording, other) / 2.0
     counted = recording.t - recording.t[0] >= SETTLE_S
     blocks = ((recording.t - recording.t[0]) / BLOCK_S).astype(int)
     sums = np.array([np.nansum(gains[counted & (blocks == one)]) for one in np.unique(blocks[counted])])
@@ -72,7 +80,8 @@ def filter_evidence(recording: Recording, acting: Path, other: Path) -> FilterEv
     scatter = float(sums.std(ddof=1) / np.sqrt(len(sums)))
     mean = float(sums.mean())
     errors = mean / scatter if scatter > 0.0 else 0.0
-    return FilterEvidence(float(sums.sum()), errors, len(sums) * BLOCK_S)
+    nats, all_of_it = float(sums.sum()), float(np.nansum(surprises[counted]))
+    return FilterEvidence(nats, errors, len(sums) * BLOCK_S, nats / all_of_it if all_of_it > 0.0 else 0.0)
 
 
 def squared_surprises(recording: Recording, version: Path) -> Array:

@@ -121,7 +121,8 @@ class Healing:
         elif event == "trial_returned":
             self._probation.returned(str(fields.get("reason", "")))
         elif event == "command_refused":
-            self._probation.refused(str(fields.get("command")), str(fields.get("reason", "")))
+            told = (str(fields.get(name, "")) for name in ("command", "reason", "sha256"))
+            self._probation.refused(*told)
         else:
             self._note_a_hand(event, fields)
 

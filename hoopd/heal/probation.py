@@ -22,7 +22,7 @@ from hoopd.heal.acceptance_watch import AcceptanceWatch
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.loop_watch import ANOTHER, TUNED
 from hoopd.heal.plan import ALIVE_S, BACK_S, ENTER_S, PATIENCE_S, WEIGH_S
-from hoopd.heal.weighing import verdict
+from hoopd.heal.weighing import gone_again, verdict
 
 # The daemon's guard judges single seconds, in which another reference may cost as much as a bad law: what it took back
 # for one, or because nobody was heard, is weighed by all of its seconds, and tried so often where these keep the
@@ -49,7 +49,7 @@ class Probation:
 
     @property
     def may_take_over(self) -> bool:
-        """Whether the daemon may still put on trial what it was asked for: who waits can not be taken back."""
+        """Whether the daemon may still put on trial what it was asked for, because no answer was heard."""
         return bool(self._unanswered) and self._in_hand.passed_s <= PATIENCE_S
 
     # ------------------------------------------------------------------------------------------ ticks
@@ -135,7 +135,7 @@ class Probation:
         return ""
 
     def _trial_begins(self) -> None:
-        """What was asked for acts; what was broken off meanwhile goes back now, which it could not while it waited."""
+        """What was asked for acts; what was broken off in the very second goes back now."""
         hand = self._in_hand
         if hand.phase == "asked":
             hand.on_trial, self._alive_at = True, hand.watch.t
@@ -165,9 +165,13 @@ class Probation:
             back = f"hoopd heal restore {hand.folder.loop().acting}"
             hand.tell(f"{why}: nothing is learned, tried or weighed until a controller is loaded ({back})")
 
-    def refused(self, command: str, reason: str) -> None:
-        """The daemon did not take what was asked for; what acts stays."""
+    def refused(self, command: str, reason: str, sha256: str = "") -> None:
+        """The daemon did not take what was asked for; what acts stays. `sha256`: of which file, where it tells that;
+        what somebody else asked for is nothing of ours."""
         hand = self._in_hand
+        asked = {TRIAL: (self._unanswered,), CONTROLLER: self._acceptance.before.keys if hand.holds_one else ()}
+        if sha256 and command in asked and not _is_one_of(asked[command], sha256):
+            return
         if command == TRIAL:
             self._unanswered = ""
         if hand.phase == "asked" and command == TRIAL:
@@ -236,7 +240,8 @@ class Probation:
     def weighed(self, result: Mapping[str, Any]) -> None:
         """Keep it, or take it back; after it was accepted two bad rounds in a row are asked."""
         hand = self._in_hand
-        bad = verdict(result, hand.version.evidence.get("promise", {}), hand.plan.by)
+        evidence = hand.version.evidence
+        bad = verdict(result, evidence.get("promise", {}), hand.plan.by) or gone_again(result, evidence)
         if not hand.on_trial and not self._taken_back:
             if bad and hand.watch.is_foreign(ANOTHER):
                 hand.enter("settling")  # the daemon would refuse to bring another one back: weighed anew after that

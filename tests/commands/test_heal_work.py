@@ -96,7 +96,9 @@ def test_seconds_without_the_law_or_without_pictures_are_not_weighed(
     result = worker.work(HealWork("weigh", 0, 0.0, 10.0))
     assert ("error" not in result) is is_weighed
     if is_weighed:
-        assert result["gain_of_before"] == {"nats": 0.0, "errors": 0.0, "seconds": 7.0}, "two copies of one model"
+        assert result["gain_of_before"] == {"nats": 0.0, "errors": 0.0, "seconds": 7.0, "share": 0.0}, (
+            "two copies of one model"
+        )
     else:
         assert result["error"].endswith(f"{10.0 * share if sees else 0.0:.1f} s of 10.0 s in which the law acts")
 

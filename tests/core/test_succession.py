@@ -101,6 +101,16 @@ def test_changes_in_a_row_accumulate_nothing() -> None:
     assert torques[-1] == pytest.approx(0.02 * (25.0 - rig.board.dtheta), abs=2e-3)
 
 
+def test_a_refusal_tells_of_which_file() -> None:
+    rig = with_laws(running(), cold=named(Cold(0.03)))
+    rig.step(load("cold", "trial"))
+    rig.step(load("unknown"))
+    told = [note.fields for note in rig.notes if note.name == "command_refused"]
+    assert all(one["sha256"].startswith("ab") for one in told) and len(told) == 2
+    rig.step("revert")
+    assert "sha256" not in [note.fields for note in rig.notes if note.name == "command_refused"][-1]
+
+
 def test_a_law_that_knows_nothing_of_the_past_follows_first() -> None:
     rig = with_laws(running(), cold=named(Cold(0.03)))
     rig.step(load("cold"))

@@ -185,6 +185,17 @@ def test_in_the_air_and_until_it_is_caught_more_is_suspended_and_expected_and_th
     assert told[8] == (rows[:1], 3.0) and told[9] == told[21] == (rows, 400.0) and told[22] == (rows[:1], 3.0)
 
 
+def test_a_throw_that_is_reverted_in_the_air_is_caught_when_it_was_planned_to_be() -> None:
+    law, told = thrown(), []
+    for k in range(60):
+        if k == 12:
+            assert law.give_up("reverted")
+        law.update(measured([0.0, 15.0 if k else 0.0, 0.0, 0.0], PERIOD_S * k))
+        told.append((law.suspended, law.unmodelled))
+    rows = ("ball_runaway", "ball_lost", "ball_implausible")
+    assert told[12] == told[21] == (rows, 400.0) and told[22] == told[-1] == (rows[:1], 3.0) and not law.ended
+
+
 def test_in_the_air_the_hoop_is_judged_all_the_same() -> None:
     law = thrown()
     for k in range(12):

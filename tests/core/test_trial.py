@@ -116,18 +116,18 @@ def test_reverted_it_is_back_in_that_tick_without_a_step() -> None:
     assert rig.refused() == [("revert", "there is no trial")]
 
 
-@pytest.mark.parametrize("purpose", ["trial", "controller"])
-def test_who_waits_is_forgotten_when_it_is_reverted(purpose: str) -> None:
+def test_a_trial_that_waits_is_forgotten_when_it_is_reverted_and_a_controller_is_not() -> None:
     rig = with_laws(running(), other=named(Cold(0.02)))
     rig.run(TICKS_OF_BASELINE)
-    rig.step(load("other", purpose))
+    rig.step(load("other", "trial"))
     assert rig.tick.succession.waiting == "other.yaml"
     rig.step("revert")
-    assert rig.refused() == [(purpose, "reverted")] and rig.tick.succession.waiting == ""
+    assert rig.refused() == [("trial", "reverted")] and rig.tick.succession.waiting == ""
     rig.run(200)
     assert in_force(rig) == "" and returned(rig) == []
-    rig.step("revert")
-    assert rig.refused()[-1] == ("revert", "there is no trial")
+    rig.step(load("other"))
+    rig.step("revert")  # of somebody whose trial has gone back by itself
+    assert rig.refused()[-1] == ("revert", "there is no trial") and rig.tick.succession.waiting == "other.yaml"
 
 
 @pytest.mark.parametrize("name", ["disarm", "stop", "shutdown"])

@@ -240,6 +240,8 @@ def test_a_candidate_that_is_refused_or_never_acts_ends_it() -> None:
     rig.wait_s = nan
     while not any(order.name == TRIAL for _, order in rig.sent):
         rig.tick()
+    rig.comparison.note("command_refused", {"command": TRIAL, "reason": "not yours", "sha256": "0" * 64})
+    assert not rig.comparison.over  # what somebody else asked for
     rig.comparison.note("command_refused", {"command": TRIAL, "reason": "the model does not fit"})
     assert rig.comparison.verdict == STOPPED and "the model does not fit" in rig.comparison.reason
     late = begun(wait_s=60.0)

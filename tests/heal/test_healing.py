@@ -12,7 +12,9 @@ from heal.played_daemon import BAD, COMPUTES_S, FRICTION, GOOD, PROVEN, PlayedDa
 from hoopd.files.heal_policy import HealPolicy
 from hoopd.files.heal_versions import HealDecision
 from hoopd.files.reading import InputError
-from hoopd.heal.weighing import verdict
+from hoopd.heal.weighing import WeighedRounds, gone_again, verdict
+
+GONE = {"nats": 40.0, "errors": 4.0, "seconds": 25.0, "share": 0.3}
 
 
 def test_a_change_is_diagnosed_from_where_it_is_certain_tried_and_accepted_by_the_policy(tmp_path: Path) -> None:
@@ -95,7 +97,7 @@ def test_a_trial_that_costs_more_goes_back(tmp_path: Path) -> None:
 
 
 def test_what_was_learned_and_has_gone_again_goes_back_though_it_costs_no_more_than_promised(tmp_path: Path) -> None:
-    gone = GOOD | {"gain_of_before": {"nats": 40.0, "errors": 4.0, "seconds": 25.0}}
+    gone = GOOD | {"gain_of_before": GONE}
     trial = PlayedDaemon(tmp_path / "trial", answers={"weigh": gone})
     trial.drift()
     trial.run(200.0)
@@ -113,9 +115,27 @@ def test_what_was_learned_and_has_gone_again_goes_back_though_it_costs_no_more_t
     assert [one["bad"] != "" for one in watched.versions.read(1).evidence["rounds"]] == [False, True, True]
 
 
-def test_a_model_that_is_as_good_as_that_of_before_keeps_its_promise() -> None:
-    for nats, errors in ((2.9, 5.0), (50.0, 1.9), (-50.0, -5.0)):
-        assert verdict(GOOD | {"gain_of_before": {"nats": nats, "errors": errors, "seconds": 25.0}}, {}) == ""
+@pytest.mark.parametrize(
+    "less",
+    [
+        {"nats": 2.9}, {"nats": -50.0, "errors": -5.0}, {"errors": 1.9},
+        {"share": 0.05},  # two filters of one device, at rest
+        {"seconds": 250.0},  # another regime: half as fast as it had been proven
+    ],
+)  # fmt: skip
+def test_a_model_that_the_one_of_before_does_not_clearly_beat_has_not_gone(less: dict[str, float]) -> None:
+    proof = {"gain": {"nats": 20.0, "errors": 6.0, "seconds": 25.0, "share": 0.2}}
+    assert gone_again({"gain_of_before": GONE}, proof) and not gone_again({"gain_of_before": GONE | less}, proof)
+    assert not gone_again({}, proof) and gone_again({"gain_of_before": GONE}, {})
+
+
+def test_a_watch_whose_last_round_is_bad_goes_on_for_one_more() -> None:
+    rounds = WeighedRounds()
+    for bad in ("", "", "", "dear"):
+        rounds.add(bad)
+    assert not rounds.is_settled and not rounds.is_given_up
+    rounds.add("")
+    assert rounds.is_settled
 
 
 def test_what_the_daemon_refuses_or_takes_back_is_written_down(tmp_path: Path) -> None:

@@ -63,6 +63,22 @@ def test_a_bad_round_that_is_told_while_somebody_tries_another_law_is_weighed_an
     assert daemon.names[-1] == "controller" and daemon.state() == "rolled_back"
 
 
+def test_what_is_refused_to_somebody_else_is_no_refusal_of_ours(tmp_path: Path) -> None:
+    daemon = PlayedDaemon(tmp_path / "healed", tells=False)
+    daemon.drift()
+    daemon.run(200.0, lambda: daemon.healing.phase == "asked")
+    refused = {"command": "trial", "reason": "heal-1.yaml is about to take over"}
+    daemon.healing.note("command_refused", refused | {"sha256": "0" * 64})
+    assert daemon.healing.phase == "asked"
+    daemon.healing.note("command_refused", refused | {"sha256": "abc123abc123" + "0" * 52})
+    assert daemon.state() == "refused"
+    rolling = accepted(tmp_path / "rolling")
+    rolling.answers["weigh"], rolling.tells = BAD, False
+    rolling.run(200.0, lambda: rolling.healing.phase == "rolling")
+    rolling.healing.note("command_refused", {"command": "controller", "reason": "no", "sha256": "f" * 64})
+    assert rolling.healing.phase == "rolling"
+
+
 def test_a_fault_under_somebody_s_experiment_is_no_bad_round(tmp_path: Path) -> None:
     daemon = accepted(tmp_path / "healed")
     daemon.run(10.0)
