@@ -250,10 +250,10 @@ class ControllerComparison:
             because = fields.get("because")
             told = mode_words(str(fields.get("mode")), map(str, because if isinstance(because, list) else ()))
             self.reason = f"{LEFT}: {told}"
-        told = event == "controller" and fields.get("command") == TRIAL
-        if self._phase == "asked" and (told or (event == "command_refused" and self._is_ours(fields))):
+        begins = event == "controller" and fields.get("command") == TRIAL
+        if self._phase == "asked" and (begins or (event == "command_refused" and self._is_ours(fields))):
             self._phase = "before"
-            if event == "controller" and self._is_ours(fields):
+            if begins and self._is_ours(fields):
                 self._on_trial, self._farewell = True, False
 
     def _is_ours(self, fields: Mapping[str, Any]) -> bool:
