@@ -40,6 +40,8 @@ BACK_STEPS = 3
 class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
+    motion = Motion  # what moves it over a substep
+
     def __init__(
         self,
         plant: Plant,
@@ -70,7 +72,7 @@ class Composite:
         self.channels = tuple(plant.channels)
         self.substeps = substeps or self._needed_substeps()
         inner = not self._torque_lags
-        self._motion = Motion(
+        self._motion = self.motion(
             self.plant, self.effects, self.names, inner_torque=inner, limited=limited, numbers=numbers
         )
         self._shortest_s = self._motion.shortest_s

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import Contact, ContactOf
+from hoopd.plants.hoop.effects.flight_motion import FlyingComposite
 from hoopd.plants.hoop.effects.flying_plant import FlyingPlant
 from hoopd.plants.hoop.effects.inner_hoop import (
     INNER_HOOP,
@@ -73,7 +74,7 @@ class ContactModes:
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
         free = [_shaken(one, lambda s: s.distance) for one in through]
-        self.air = Composite(self._flying.plant, free, substeps=1)
+        self.air = FlyingComposite(self._flying.plant, free, substeps=1)
         inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
         self.inner = self._on_inner(plant, effects) if inner else None
         slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
