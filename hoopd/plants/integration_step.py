@@ -251,6 +251,7 @@ class Motion:
         torque = self._torque_inside(x, u, t, p)
         s = self._plant.point(x, p, torque, t)
         s.demand = split_inputs(u, len(self._plant.inputs))[0]
+        s.in_frame(self._effects, p)
         force = {q: w[i] for i, q in enumerate(self._disturbed)}
         for one in self._plant.inputs:
             if one.coordinate is not None:

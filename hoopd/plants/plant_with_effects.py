@@ -203,15 +203,9 @@ class Composite:
             tail = [*tail, _low_pass_undone(reading, *seen, h, time, self._shortest_s)]
         return ca.vertcat(before, *tail)
 
-    def point_to_gravity(self, z: Any, p: Mapping[str, Any], t: Any = 0.0) -> Point:
-        """The point of a state as gravity sees it: with what effects add to its coordinates there."""
-        s = self.plant.point(z, p, 0.0, t)
-        seen = s
-        for effect in self.effects:
-            if effect.shift is not None:
-                added = effect.shift(s, effect.values(p))
-                seen = seen.replaced(**{q: getattr(seen, q) + more for q, more in added.items()})
-        return seen
+    def point_in_frame(self, z: Any, p: Mapping[str, Any], t: Any = 0.0) -> Point:
+        """The point of a state in a frame that leans and shakes as effects have it."""
+        return self.plant.point(z, p, 0.0, t).in_frame(self.effects, p)
 
     # ------------------------------------------------------------------------------------------ functions
 

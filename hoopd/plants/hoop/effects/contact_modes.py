@@ -114,7 +114,8 @@ class ContactModes:
         # from within the outer track, from outside the inner one
         touching = guard("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
         rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
-        lost, took_off = guard("normal", z, _pressed(track, z, named, t)), of("off", z, self._took_off(z, on, track))
+        pressed = track.normal_force(track.plant.point_in_frame(z, named, t))
+        lost, took_off = guard("normal", z, pressed), of("off", z, self._took_off(z, on, track))
         bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
             Transition(track.mode, AIR, lost, took_off),
@@ -165,16 +166,6 @@ class ContactModes:
     def shared(self) -> int:
         """States that rolling and flying plant begin with alike."""
         return self.air.nx - 4
-
-
-def _pressed(track: _Track, z: Any, p: Mapping[str, Any], t: Any) -> Any:
-    """What presses the ball on a track, N, wherever its frame leans to and however it is shaken."""
-    force, s = track.normal_force(track.plant.point_to_gravity(z, p, t)), track.plant.plant.point(z, p, 0.0, t)
-    for effect in track.plant.effects:
-        if effect.shaking is not None:
-            # + m a sin psi from within, - from outside
-            force += track.side * p["mb"] * effect.shaking(s, effect.values(p)) * ca.sin(s.psi)
-    return force
 
 
 def _shaken(effect: Effect, arm: Callable[[Point], Any]) -> Effect:
