@@ -222,9 +222,10 @@ def _throw(run: RecordedRun, ticks: Sequence[TickRecord], period_s: float) -> Re
 
 def judged(run: RecordedRun, trajectory: TrajectoryFile, model_text: str) -> list[dict[str, Any]]:
     """Every maneuver of a recording: when it was played, how it ended, what became of the ball."""
-    values = parse_model(model_text, "model").values()
-    track_m, gravity = values["Ro"] - values["Rb"], values["g"]
-    return [_attempt(trajectory, one, reason, track_m, gravity) for one, reason in recorded_maneuvers(run)]
+    model = parse_model(model_text, "model")
+    values, inner = model.values(), model.device.inner
+    tracks_m = values["Ro"] - values["Rb"], nan if inner is None else inner.radius_m + values["Rb"]
+    return [_attempt(trajectory, one, reason, tracks_m, values["g"]) for one, reason in recorded_maneuvers(run)]
 
 
 def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -> RecordedManeuver:
@@ -234,8 +235,9 @@ def _stretch(run: RecordedRun, first: float, following: float, ended_t: float) -
     table = np.array([(tick.t, tick.u, *tick.x_hat, tick.psi_t, tick.psi) for tick in ticks]).reshape(-1, 8)
     away = _distances(run)
     distance = np.array([away.get(tick.id, nan) for tick in ticks])
-    inner = np.array([tick.ball_mode == INNER for tick in ticks], bool)
-    return RecordedManeuver(table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7], ended_t, distance, inner)
+    inner, air = (np.array([tick.ball_mode == mode for tick in ticks], bool) for mode in (INNER, AIR))
+    t, u, states, seen_t, seen = table[:, 0], table[:, 1], table[:, 2:6], table[:, 6], table[:, 7]
+    return RecordedManeuver(t, u, states, seen_t, seen, ended_t, distance, inner, air)
 
 
 def _distances(run: RecordedRun) -> dict[int, float]:
@@ -249,10 +251,10 @@ def _distances(run: RecordedRun) -> dict[int, float]:
 
 
 def _attempt(
-    trajectory: TrajectoryFile, run: RecordedManeuver, reason: str, track_m: float, gravity: float
+    trajectory: TrajectoryFile, run: RecordedManeuver, reason: str, tracks_m: tuple[float, float], gravity: float
 ) -> dict[str, Any]:
     began, ended = float(run.t[0]), run.ended_t
-    outcome = judge_maneuver(run, track_m, gravity)
+    outcome = judge_maneuver(run, tracks_m[0], gravity, tracks_m[1])
     states = np.array(trajectory.plan.states)
     short = outcome.shortfalls(trajectory.maneuver, trajectory.turn, float(np.abs(states[:, 2]).max()))
     off = angle_errors(run, states, trajectory.sample_time_s)

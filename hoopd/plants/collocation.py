@@ -82,9 +82,14 @@ class CollocatedMotion(NamedTuple):
     iterations: int
 
     @property
+    def converged(self) -> bool:
+        """The search came to its end: what it gives up, no motion near it keeps."""
+        return self.status in _SOLVED
+
+    @property
     def solved(self) -> bool:
         """Every group is kept."""
-        return self.status in _SOLVED and all(value <= KEPT_WITHIN for value in self.excess.values())
+        return self.converged and all(value <= KEPT_WITHIN for value in self.excess.values())
 
     @property
     def seconds(self) -> float:

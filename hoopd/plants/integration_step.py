@@ -85,6 +85,11 @@ class Motion:
         # a contact that the accelerations hold sees what all others leave
         self._frictions = sorted(frictions, key=lambda one: one[1].needed is not None)
 
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Of the plant."""
+        return self._plant.states
+
     # ------------------------------------------------------------------------------------------ steps
 
     def step(
@@ -103,7 +108,7 @@ class Motion:
         stops = self._stops(x, torques.middle, w, d, t, values) if self._frictions else ca.SX(0, 1)
         if holding is not None:
             stops = holding.given(stops)
-        after = _runge_kutta(lambda y, at, stage: self._rate(y, torques[stage], w, at, values, stops), x, d, t)
+        after = runge_kutta(lambda y, at, stage: self._rate(y, torques[stage], w, at, values, stops), x, d, t)
         return self._at_rest(after) if self._frictions and holding is None else after
 
     def _at_rest(self, x: Any) -> Any:
@@ -116,7 +121,7 @@ class Motion:
     def step_back(self, x: Any, torque: Any, w: Any, d: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """State of the plant d seconds earlier; dry friction in its smooth form."""
         values = self._vector(p)
-        return _runge_kutta(lambda y, at, _: self._smooth_rate(y, torque, w, at, values), x, -d, t)
+        return runge_kutta(lambda y, at, _: self._smooth_rate(y, torque, w, at, values), x, -d, t)
 
     def rate(self, x: Any, torque: Any, t: Any, p: Mapping[str, Any]) -> Any:
         """dx/dt without a disturbance; ValueError with dry friction, whose force belongs to a step."""
@@ -246,6 +251,7 @@ class Motion:
         torque = self._torque_inside(x, u, t, p)
         s = self._plant.point(x, p, torque, t)
         s.demand = split_inputs(u, len(self._plant.inputs))[0]
+        s.in_frame(self._effects, p)
         force = {q: w[i] for i, q in enumerate(self._disturbed)}
         for one in self._plant.inputs:
             if one.coordinate is not None:
@@ -282,7 +288,7 @@ class Motion:
 _CSE = {"cse": True}
 
 
-def _runge_kutta(f: Callable[[Any, Any, int], Any], x: Any, d: Any, t: Any) -> Any:
+def runge_kutta(f: Callable[[Any, Any, int], Any], x: Any, d: Any, t: Any) -> Any:
     """x d seconds after t, by one classical step of fourth order; f is told where it is: begin, middle or end."""
     k1 = f(x, t, 0)
     k2 = f(x + d / 2 * k1, t + d / 2, 1)

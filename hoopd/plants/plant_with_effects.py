@@ -40,6 +40,8 @@ BACK_STEPS = 3
 class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
+    motion = Motion  # what moves it over a substep
+
     def __init__(
         self,
         plant: Plant,
@@ -70,7 +72,7 @@ class Composite:
         self.channels = tuple(plant.channels)
         self.substeps = substeps or self._needed_substeps()
         inner = not self._torque_lags
-        self._motion = Motion(
+        self._motion = self.motion(
             self.plant, self.effects, self.names, inner_torque=inner, limited=limited, numbers=numbers
         )
         self._shortest_s = self._motion.shortest_s
@@ -201,15 +203,9 @@ class Composite:
             tail = [*tail, _low_pass_undone(reading, *seen, h, time, self._shortest_s)]
         return ca.vertcat(before, *tail)
 
-    def point_to_gravity(self, z: Any, p: Mapping[str, Any], t: Any = 0.0) -> Point:
-        """The point of a state as gravity sees it: with what effects add to its coordinates there."""
-        s = self.plant.point(z, p, 0.0, t)
-        seen = s
-        for effect in self.effects:
-            if effect.shift is not None:
-                added = effect.shift(s, effect.values(p))
-                seen = seen.replaced(**{q: getattr(seen, q) + more for q, more in added.items()})
-        return seen
+    def point_in_frame(self, z: Any, p: Mapping[str, Any], t: Any = 0.0) -> Point:
+        """The point of a state in a frame that leans and shakes as effects have it."""
+        return self.plant.point(z, p, 0.0, t).in_frame(self.effects, p)
 
     # ------------------------------------------------------------------------------------------ functions
 

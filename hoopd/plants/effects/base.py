@@ -13,7 +13,7 @@ Rules of this file: declarations only; nothing here knows a plant or a search.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isclose, pi
 from types import SimpleNamespace
@@ -34,6 +34,8 @@ class Point:
     """Named view of where the plant is: states and inputs by name, `u` (first input), `t` (s), parameters `p`.
 
     `demand` is the first input as demanded; where effects of its drive have changed it, `u` is what they made of it.
+    `leant` is what gravity adds to coordinates in a frame that leans, `shaken` the acceleration (m/s2) across of one
+    that shakes.
     """
 
     def __init__(
@@ -42,6 +44,8 @@ class Point:
         """`first_input`: the name under which `names` has `u`, too."""
         self._names, self.p, self.u, self.t, self._first_input = dict(names), p, u, t, first_input
         self.demand = u
+        self.leant: dict[str, Any] = {}
+        self.shaken: Any = None
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -57,8 +61,23 @@ class Point:
         if u is not None and self._first_input:
             names = {self._first_input: u, **names}
         found = Point({**self._names, **names}, self.p, self.u if u is None else u, self.t, self._first_input)
-        found.demand = self.demand
+        found.demand, found.leant, found.shaken = self.demand, self.leant, self.shaken
         return found
+
+    def to_gravity(self, q: str) -> Any:
+        """A coordinate as gravity sees it."""
+        return getattr(self, q) + self.leant[q] if q in self.leant else getattr(self, q)
+
+    def in_frame(self, effects: Sequence[Effect], p: Mapping[str, Any]) -> Point:
+        """Itself, told how effects of the frame lean and shake it; with none of them nothing changes."""
+        for effect in effects:
+            if effect.shift is not None:
+                for q, added in effect.shift(self, effect.values(p)).items():
+                    self.leant[q] = self.leant[q] + added if q in self.leant else added
+            if effect.shaking is not None:
+                across = effect.shaking(self, effect.values(p))
+                self.shaken = across if self.shaken is None else self.shaken + across
+        return self
 
 
 @dataclass(frozen=True)

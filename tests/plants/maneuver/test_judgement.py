@@ -47,6 +47,22 @@ def test_the_outer_hoop_does_not_press_on_a_ball_that_rests_on_the_inner_one() -
     assert never_flew.loose_s == 0.0 and never_flew.least_contact == pytest.approx(1.0) and not never_flew.flew
 
 
+def test_what_presses_is_that_of_the_hoop_that_the_ball_is_on() -> None:
+    """At the bottom, ten ticks through the air, on the top of the inner hoop: at rest, then at 5 rad/s for a while."""
+    t, inner_m = np.arange(0.0, 4.0, 0.02), 0.0549
+    psi, dpsi = np.where(t < 0.4, 0.0, np.pi), np.where((t >= 1.0) & (t < 1.2), 5.0, 0.0)
+    states = np.column_stack([0 * t, 0 * t, psi, dpsi])
+    inner, air = (t >= 0.6) & (t < 2.0), (t >= 0.4) & (t < 0.6)
+    run = RecordedManeuver(t, 0 * t, states, t, psi, 1.9, None, inner, air)
+    outcome = judge_maneuver(run, TRACK_M, GRAVITY_M_S2, inner_m)
+    assert outcome.least_contact == pytest.approx(1.0 - inner_m * 25.0 / GRAVITY_M_S2)
+    # by which it is known to have flown stays
+    assert outcome.loose_s == pytest.approx(0.2) and outcome.flew
+    assert judge_maneuver(run, TRACK_M, GRAVITY_M_S2).least_contact == pytest.approx(1.0)
+    pulled = judge_maneuver(run._replace(states=states * [1, 1, 1, 3]), TRACK_M, GRAVITY_M_S2, inner_m)
+    assert pulled.least_contact == pytest.approx(1.0 - inner_m * 225.0 / GRAVITY_M_S2)
+
+
 def stopped(at_s: float, *, seen: bool = True) -> ManeuverOutcome:
     """Once round the hoop within a second; nothing is recorded from `at_s` on."""
     t = np.arange(0.0, at_s, 0.02)

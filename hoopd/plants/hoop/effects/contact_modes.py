@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import Contact, ContactOf
+from hoopd.plants.hoop.effects.flight_motion import FlyingComposite
 from hoopd.plants.hoop.effects.flying_plant import FlyingPlant
 from hoopd.plants.hoop.effects.inner_hoop import (
     INNER_HOOP,
@@ -73,7 +74,7 @@ class ContactModes:
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
         free = [_shaken(one, lambda s: s.distance) for one in through]
-        self.air = Composite(self._flying.plant, free, substeps=1)
+        self.air = FlyingComposite(self._flying.plant, free, substeps=1)
         inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
         self.inner = self._on_inner(plant, effects) if inner else None
         slip = next((one.key("mu") for one in effects if one.name.endswith(".slip")), None)
@@ -113,7 +114,8 @@ class ContactModes:
         # from within the outer track, from outside the inner one
         touching = guard("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
         rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
-        lost, took_off = guard("normal", z, _pressed(track, z, named, t)), of("off", z, self._took_off(z, on, track))
+        pressed = track.normal_force(track.plant.point_in_frame(z, named, t))
+        lost, took_off = guard("normal", z, pressed), of("off", z, self._took_off(z, on, track))
         bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
             Transition(track.mode, AIR, lost, took_off),
@@ -164,16 +166,6 @@ class ContactModes:
     def shared(self) -> int:
         """States that rolling and flying plant begin with alike."""
         return self.air.nx - 4
-
-
-def _pressed(track: _Track, z: Any, p: Mapping[str, Any], t: Any) -> Any:
-    """What presses the ball on a track, N, wherever its frame leans to and however it is shaken."""
-    force, s = track.normal_force(track.plant.point_to_gravity(z, p, t)), track.plant.plant.point(z, p, 0.0, t)
-    for effect in track.plant.effects:
-        if effect.shaking is not None:
-            # + m a sin psi from within, - from outside
-            force += track.side * p["mb"] * effect.shaking(s, effect.values(p)) * ca.sin(s.psi)
-    return force
 
 
 def _shaken(effect: Effect, arm: Callable[[Point], Any]) -> Effect:

@@ -17,7 +17,8 @@ from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect, Point
 from hoopd.plants.hoop.contact import ContactOf
 
-# A ball that flies through the axis has no direction: nearer than this (m) it keeps the one it had.
+# A ball that flies through the axis has no direction: nearer than this (m) these equations do not hold
+# (`flight_motion` follows a run there).
 NEAREST_M = 1e-3
 # What a ball in the air has beyond one that rolls.
 FREE = ("spin", "distance")

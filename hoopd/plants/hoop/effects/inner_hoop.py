@@ -56,8 +56,10 @@ def inner_track(s: Point) -> Any:
 
 
 def inner_normal_force(s: Point) -> Any:
-    """N; below zero the inner hoop would have to hold the ball back."""
-    return -s.p["mb"] * (inner_track(s) * s.dpsi**2 + s.p["g"] * ca.cos(s.psi))
+    """N; below zero the inner hoop would have to hold the ball back; of a frame that leans and shakes as `normal_force`
+    has it."""
+    force = -s.p["mb"] * (inner_track(s) * s.dpsi**2 + s.p["g"] * ca.cos(s.to_gravity("psi")))
+    return force if s.shaken is None else force - s.p["mb"] * s.shaken * ca.sin(s.psi)
 
 
 def on_the_inner_hoop(plant: Plant, contact: ContactOf) -> Plant:

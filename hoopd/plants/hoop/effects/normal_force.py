@@ -14,11 +14,15 @@ from hoopd.plants.effects.base import Point
 
 
 def signed_normal_force(s: Point) -> Any:
-    """N = m ((Ro-Rb) psi'^2 + g cos psi), N; below zero the hoop would have to hold the ball back."""
+    """N = m ((Ro-Rb) psi'^2 + g cos psi), N; below zero the hoop would have to hold the ball back.
+
+    In a frame that leans by d and is shaken by a: N = m ((Ro-Rb) psi'^2 + g cos(psi - d) + a sin psi).
+    """
     p = s.p
     # of symbols, and of arrays along a recording
     cos = np.cos if isinstance(s.psi, np.ndarray) else ca.cos
-    return p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * cos(s.psi))
+    force = p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * cos(s.to_gravity("psi")))
+    return force if s.shaken is None else force + p["mb"] * s.shaken * ca.sin(s.psi)
 
 
 def normal_force(s: Point) -> Any:

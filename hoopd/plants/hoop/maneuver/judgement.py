@@ -44,8 +44,8 @@ class RecordedManeuver(NamedTuple):
         When the maneuver ended, s.
     distance : ndarray, shape (n,), optional
         Of the ball from the axis in the pictures, in shares of what it is on the hoop; NaN without a ball.
-    inner : ndarray of bool, shape (n,), optional
-        Whether the ball was on the inner hoop, by the estimate.
+    inner, air : ndarray of bool, shape (n,), optional
+        Whether the ball was on the inner hoop, and whether on none, by the estimate.
     """
 
     t: Array
@@ -56,6 +56,7 @@ class RecordedManeuver(NamedTuple):
     ended_t: float
     distance: Array | None = None
     inner: NDArray[np.bool_] | None = None
+    air: NDArray[np.bool_] | None = None
 
     @property
     def bottom(self) -> float:
@@ -71,7 +72,8 @@ class ManeuverOutcome(NamedTuple):
     turns : int or None
         Whole turns of the ball, as psi counts, to the bottom that the last picture is nearest to; None without any.
     least_contact : float
-        Least force between (outer) hoop and ball while it was played, in weights of the ball.
+        Least force between the ball and the hoop that it was on while it was played, in weights of the ball; where the
+        estimate told no flight, of the outer one throughout.
     settled_s : float
         After its end, until ball and hoop stay settled; infinite when they do not, NaN where nothing after its end was
         recorded with the law acting: it was stopped.
@@ -181,7 +183,9 @@ def _rms(errors: Array) -> float:
     return float(np.sqrt(np.mean(errors**2))) if errors.size else nan
 
 
-def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -> ManeuverOutcome:
+def judge_maneuver(
+    run: RecordedManeuver, track_m: float, gravity_m_s2: float, inner_track_m: float = nan
+) -> ManeuverOutcome:
     """Judge one maneuver, of one that was stopped what was played of it.
 
     Parameters
@@ -192,6 +196,8 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
         Ro - Rb in m.
     gravity_m_s2 : float
         In m/s^2.
+    inner_track_m : float
+        Ri + Rb in m; NaN without an inner hoop: what presses a ball on it is not judged then.
 
     Examples
     --------
@@ -208,16 +214,22 @@ def judge_maneuver(run: RecordedManeuver, track_m: float, gravity_m_s2: float) -
     if not ball.size or not played.any():
         return ManeuverOutcome(None, nan, nan, (nan, nan), nan)
     bottom = tau * round(float(ball[-1]) / tau)
-    states = run.states[played]
-    contact = (track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2
-    if run.inner is not None:
-        contact = np.where(run.inner[played], np.nan, contact)
+    states, nowhere = run.states[played], np.zeros(len(run.t), bool)
+    inner, air = ((nowhere if told is None else told)[played] for told in (run.inner, run.air))
+    outer = _weights(states, track_m, gravity_m_s2)
+    contact = np.where(inner, -_weights(states, inner_track_m, gravity_m_s2), np.where(air, nan, outer))
     turns = round((bottom - float(ball[0])) / tau)
-    loose = _longest(run.t[played], contact < 0.0)
+    # a flight is one whatever the estimate calls it
+    loose = _longest(run.t[played], ~inner & (outer < 0.0))
     near = nan if run.distance is None else float(np.fmin.reduce(run.distance[played]))
     seen = (float(ball.min() - ball[0]), float(ball.max() - ball[0]))
     least = float(np.fmin.reduce(contact))
     return ManeuverOutcome(turns, least, _settled_s(run, after, bottom), seen, loose, near, _on_top(run, played))
+
+
+def _weights(states: Array, track_m: float, gravity_m_s2: float) -> Array:
+    """N / (m g) of a ball within a track, (r psi'^2 + g cos psi) / g; outside of it this is what pulls it off."""
+    return np.asarray((track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2)
 
 
 def _settled_s(run: RecordedManeuver, after: NDArray[np.bool_], bottom: float) -> float:

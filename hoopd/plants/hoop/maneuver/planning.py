@@ -83,10 +83,11 @@ def stretched(motion: CollocatedMotion, ticks: int, tick_s: float) -> Array:
 
 
 def infeasible(found: CollocatedMotion, what: str) -> InfeasibleError:
-    """The limits that a search gave up, of which the first is given up most."""
+    """The limits that a search gave up, of which the first is given up most; of one that did not come to its end what
+    it exceeds meanwhile says nothing."""
     given = {name: value for name, value in found.excess.items() if value > KEPT_WITHIN}
     what = f"{what} in {found.seconds:g} s"
-    if not given:
+    if not given or not found.converged:
         return InfeasibleError("search", 0.0, f"{what} was found ({found.status})")
     most = sorted(given, key=lambda name: -given[name])
     listed = ", ".join(f"{name} by {_size(name, given[name])}" for name in most)

@@ -103,14 +103,13 @@ def outer_part(
     near = problem.solve(ends, straight(ends, whole_ticks(question, first_s), question.tick_s), question.tick_s,
                          time_cost=TIME_COST)  # fmt: skip
     suits = whole_ticks(question, near.seconds)
-    first: CollocatedMotion | None = None
+    tried: list[CollocatedMotion] = []
     for more in MORE_TICKS:
-        found = problem.solve(ends, stretched(near, suits + more, question.tick_s), question.tick_s)
-        if found.solved:
-            return found
-        first = first or found
-    assert first is not None
-    raise infeasible(first, f"no {name}")
+        tried.append(problem.solve(ends, stretched(near, suits + more, question.tick_s), question.tick_s))
+        if tried[-1].solved:
+            return tried[-1]
+    # the first that tells which limit stands in the way
+    raise infeasible(next((one for one in tried if one.converged), tried[0]), f"no {name}")
 
 
 def straight(ends: MotionEnds, ticks: int, tick_s: float) -> Array:

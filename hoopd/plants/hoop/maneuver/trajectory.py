@@ -21,6 +21,7 @@ from hoopd.files.trajectory import KeptLimits, TrajectoryFile, rounded, short
 from hoopd.plants.collocation import CollocatedMotion
 from hoopd.plants.hoop.loop.writeback import limits_of
 from hoopd.plants.hoop.maneuver.balance import TOP_WEIGHTS
+from hoopd.plants.hoop.maneuver.dead_zone import behind_dead_zone, dead_zone_nm, demanded_torques, limits_behind
 from hoopd.plants.hoop.maneuver.inner_model import InnerModel
 from hoopd.plants.hoop.maneuver.maneuver_question import LOOP, SWING, THROW, UP, ManeuverQuestion
 from hoopd.plants.hoop.maneuver.planning import InfeasibleError, plan_motion
@@ -98,7 +99,7 @@ def plan_trajectory(
     if question.kind == UP:
         limits = replace(limits, contact=CATCH_CONTACT)
     question = replace(question, limits=limits)
-    planning, tracker = PlanningModel(found), PlanTracker(found)
+    planning, tracker = PlanningModel(behind_dead_zone(found)), PlanTracker(found)
     best = _planned(model, planning, tracker, question, weights)
     for _ in range(TIGHTENINGS):
         if all(one.arrived for one in best.sampled) or question.kind != LOOP:
@@ -134,13 +135,16 @@ def _planned(
     question: ManeuverQuestion,
     weights: TrackingWeights,
 ) -> PlannedTrajectory:
-    motion, gains, flight, inner = _fed_back(planning, question, weights)
+    dead_nm = dead_zone_nm(effects_of(model))
+    behind = replace(question, limits=limits_behind(question.limits, dead_nm))
+    left, gains, flight, inner = _fed_back(planning, behind, weights)
+    motion = left._replace(inputs=demanded_torques(left.inputs, dead_nm))
     if len(motion.inputs) > LONGEST_PLAN_TICKS:
         reason = f"{len(motion.inputs)} ticks of {question.tick_s:g} s, and a plan has {LONGEST_PLAN_TICKS} at most"
         raise ValueError(f"the {question.kind} takes {reason}")
     limit_nm, thrown = model.device.torque_limit_nm, flight is not None
     plan = PlayedPlan(motion.states, motion.inputs, gains, motion.tick_s, limit_nm, thrown)
-    contact, friction = _pressed(planning, motion, flight, inner)
+    contact, friction = _pressed(planning, left, flight, inner)
     play = tracker.run if flight is None else tracker.thrown
     alone = play(*plan._replace(gains=np.zeros_like(gains))[:-1])
     return PlannedTrajectory(

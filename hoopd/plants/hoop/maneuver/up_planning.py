@@ -161,8 +161,10 @@ def _catch(inner: InnerModel, question: ManeuverQuestion, landed: Array) -> Coll
     """From the landing to rest on the top, of least effort."""
     problem = CollocationProblem(inner.rate, inner.limits(question.limits), USUAL_TORQUE_NM)
     ends = MotionEnds(landed, np.array([nan, 0.0, question.turn * pi, 0.0]))
+    tried: list[CollocatedMotion] = []
     for ticks in CATCH_TICKS:
-        found = problem.solve(ends, straight(ends, ticks, question.tick_s), question.tick_s)
-        if found.solved:
-            return found
-    raise infeasible(found, "no catch on the inner hoop")
+        tried.append(problem.solve(ends, straight(ends, ticks, question.tick_s), question.tick_s))
+        if tried[-1].solved:
+            return tried[-1]
+    # the longest that tells which limit stands in the way
+    raise infeasible(next((one for one in tried[::-1] if one.converged), tried[-1]), "no catch on the inner hoop")
