@@ -4,7 +4,7 @@
     plan     u_k = u*_k - K_k (x_k - x*_k),  one row a tick
     over     ends as `DONE`; the law of before is back in the same tick; where the plan ends on an inner hoop it lets
              the ball down first, as if it had been given up
-    given up the hoop is braked until hoop and ball are nearly at rest, then it ends with the reason; so it is by
+    given up the hoop is braked until hoop and ball are nearly at rest, then it ends with the reason; so, too, by
              somebody's word, while what the plan suspends stays suspended: the ball was where it should be
 
 Rules of this file: pure; a plan is played once; what it left it never takes up again; the torque of a maneuver that was
@@ -147,11 +147,13 @@ class MotionTracker:
         self._origin = np.zeros(4)
         self._given_up, self._braking_since = "", nan
         self._is_off_plan = False  # which is why it was given up
+        self._is_called_off = False  # somebody said so
         self.ended = ""
 
     @property
     def suspended(self) -> tuple[str, ...]:
-        """Rows of the fault table that the plan would raise, while it is played and no longer."""
+        """Rows of the fault table that the plan would raise: while it is followed, and while it is braked though hoop
+        and ball were where it wants them."""
         if self._k == 0 or self._is_off_plan or self.ended:
             return ()
         return (*self.plan.suspends, *(self.plan.flight.suspends if self.plan.flight and self._flies else ()))
@@ -195,10 +197,13 @@ class MotionTracker:
         }
 
     def give_up(self, reason: str) -> bool:
-        """Brake from the next tick on; False where it is not played, or was given up before."""
-        if self._k == 0 or self.ended or self._given_up not in ("", DONE):
+        """Somebody's word: brake from the next tick on, or go on braking; False where it is not played, and of the
+        second word."""
+        if self._k == 0 or self.ended or self._is_called_off:
             return False
-        self._given_up = reason
+        self._is_called_off = True
+        if not self._is_off_plan:
+            self._given_up = reason
         return True
 
     def follow(self, measurement: Measurement) -> tuple[float, Log]:
@@ -238,7 +243,7 @@ class MotionTracker:
     def _braked(self, m: Measurement) -> float:
         """The brake's torque until hoop and ball are calm, or it has taken too long."""
         brake = self.plan.brake
-        self._k = min(self._k + 1, len(self.plan.torques_nm))  # a flight goes on as planned, and is over as planned
+        self._k += self._flies  # a flight that has begun goes on, and is over, as planned
         if not isfinite(self._braking_since):
             self._braking_since = m.t
         calm = _known(m) and not brake.calm.breach(m.x, np.array([0.0, 0.0, tau * round(float(m.x[2]) / tau), 0.0]))

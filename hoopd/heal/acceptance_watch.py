@@ -16,7 +16,7 @@ from hoopd.core.succession import CONTROLLER
 from hoopd.files.heal_versions import FOUND, HealVersion
 from hoopd.heal.attempt import Attempt
 from hoopd.heal.plan import BACK_S, ENTER_S, PATIENCE_S, REMEMBERED
-from hoopd.heal.weighing import SETTLING_ROUNDS, WeighedRounds
+from hoopd.heal.weighing import WeighedRounds
 
 FAULT_S = 1.0  # a fault that is told so soon after the law stopped is what stopped it
 WATCHED = "watched"  # in a version's evidence: the watch over it is over
@@ -88,7 +88,7 @@ class AcceptanceWatch:
         elif self._rounds.is_settled:
             hand.note(**{WATCHED: True})
             hand.remember(hand.version)
-            hand.let_go("accepted", f"watched over {SETTLING_ROUNDS} rounds")
+            hand.let_go("accepted", f"watched over {self._rounds.count} rounds")
         else:
             hand.keep("accepted")
             hand.enter("settling")

@@ -169,8 +169,7 @@ class Probation:
         """The daemon did not take what was asked for; what acts stays. `sha256`: of which file, where it tells that;
         what somebody else asked for is nothing of ours."""
         hand = self._in_hand
-        asked = {TRIAL: (self._unanswered,), CONTROLLER: self._acceptance.before.keys if hand.holds_one else ()}
-        if sha256 and command in asked and not _is_one_of(asked[command], sha256):
+        if sha256 and not self._was_asked_for(command, sha256):
             return
         if command == TRIAL:
             self._unanswered = ""
@@ -199,6 +198,12 @@ class Probation:
             hand.weigh(hand.since + ENTER_S)
         elif hand.phase != "weighing":
             self._try_again(TRIES_UNWEIGHED)
+
+    def _was_asked_for(self, command: str, sha256: str) -> bool:
+        """Whether a file that the daemon refused is one of ours."""
+        rolls = command == CONTROLLER and self._in_hand.phase == "rolling"
+        keys = self._acceptance.before.keys if rolls else [self._unanswered] if command == TRIAL else []
+        return _is_one_of(keys, sha256)
 
     @property
     def _tries(self) -> int:

@@ -22,7 +22,7 @@ from hoopd.heal.filter_evidence import FilterEvidence
 
 # A cost of so much more than what was promised is no promise kept; of more than the law of before would have: worse.
 KEPT, WORSE = 1.2, 1.05
-LEAST_SHARE, LEAST_PACE = 0.1, 0.5
+GONE_SHARE, GONE_PACE = 0.1, 0.5
 GAIN_OF_BEFORE = "gain_of_before"  # what the model of before gains over the version's on the weighed seconds
 # After a version was accepted: so many rounds are weighed, and so many bad ones in a row give it up.
 SETTLING_ROUNDS, BAD_ROUNDS = 4, 2
@@ -81,7 +81,7 @@ def gone_again(told: Mapping[str, Any], evidence: Mapping[str, Any]) -> str:
     """
     back = FilterEvidence(**told.get(GAIN_OF_BEFORE, NO_EVIDENCE))
     proof = FilterEvidence(**evidence.get("gain", NO_EVIDENCE))
-    if back.is_clear and back.share >= LEAST_SHARE and back.pace >= LEAST_PACE * proof.pace:
+    if back.is_clear and back.share >= GONE_SHARE and back.pace >= GONE_PACE * proof.pace:
         return f"the model of before explains it better: {back.nats:.0f} nats on {back.seconds:.0f} s"
     return ""
 

@@ -251,17 +251,16 @@ class Motion:
         torque = self._torque_inside(x, u, t, p)
         s = self._plant.point(x, p, torque, t)
         s.demand = split_inputs(u, len(self._plant.inputs))[0]
-        s.in_frame(self._effects, p)
+        s = s.in_frame(self._effects, p)
         force = {q: w[i] for i, q in enumerate(self._disturbed)}
         for one in self._plant.inputs:
             if one.coordinate is not None:
                 force[one.coordinate] += getattr(s, one.name)
-        seen = dict(zip(self._plant.states, ca.vertsplit(x), strict=True))
         for effect in self._effects:
             if effect.force is not None:
                 _add(force, effect.force(s, effect.values(p)))
-            if effect.shift is not None:
-                _add(seen, effect.shift(s, effect.values(p)))
+        seen = dict(zip(self._plant.states, ca.vertsplit(x), strict=True))
+        seen |= {q: s.to_gravity(q) for q in s.leant}
         forces, more = ([force[name] for name in names] for names in (self._plant.coordinates, self._plant.first_order))
         return s, _column(forces), ca.vertcat(*seen.values()), torque, _column(more)
 

@@ -40,7 +40,7 @@ BACK_STEPS = 3
 class Composite:
     """A plant and its effects; parameters by name: the base's, then `slot.effect.parameter`."""
 
-    motion = Motion  # what moves it over a substep
+    motion_class: type[Motion] = Motion  # what moves it over a substep
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class Composite:
         self.channels = tuple(plant.channels)
         self.substeps = substeps or self._needed_substeps()
         inner = not self._torque_lags
-        self._motion = self.motion(
+        self._motion = self.motion_class(
             self.plant, self.effects, self.names, inner_torque=inner, limited=limited, numbers=numbers
         )
         self._shortest_s = self._motion.shortest_s

@@ -196,6 +196,25 @@ def test_a_throw_that_is_reverted_in_the_air_is_caught_when_it_was_planned_to_be
     assert told[12] == told[21] == (rows, 400.0) and told[22] == told[-1] == (rows[:1], 3.0) and not law.ended
 
 
+def test_a_throw_that_is_given_up_before_it_flies_has_no_flight() -> None:
+    for off, by_word in ((0.0, True), (2.0, False)):
+        law, told = thrown(), []
+        for k in range(40):
+            if by_word and k == 4:
+                assert law.give_up("reverted")
+            law.update(measured([0.0, 15.0 if k else 0.0, off if k == 4 else 0.0, 0.0], PERIOD_S * k))
+            told.append((law.suspended, law.unmodelled))
+        assert not law.ended and set(told[4:]) == {(("ball_runaway",) if by_word else (), 3.0)}
+
+
+def test_a_revert_lets_a_brake_go_on_that_the_plan_itself_began() -> None:
+    law = MotionTracker(planned())
+    asked(law, STATES[0], [0.1, 9.0, 2.0, 1.0])
+    assert law.give_up("reverted") and law.suspended == () and not law.give_up("reverted")
+    asked(law, [0.1, 0.0, 0.0, 0.0])
+    assert "reverted" not in law.ended and law.ended.startswith("given up: psi")
+
+
 def test_in_the_air_the_hoop_is_judged_all_the_same() -> None:
     law = thrown()
     for k in range(12):

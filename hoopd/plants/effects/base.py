@@ -34,8 +34,8 @@ class Point:
     """Named view of where the plant is: states and inputs by name, `u` (first input), `t` (s), parameters `p`.
 
     `demand` is the first input as demanded; where effects of its drive have changed it, `u` is what they made of it.
-    `leant` is what gravity adds to coordinates in a frame that leans, `shaken` the acceleration (m/s2) across of one
-    that shakes.
+    `leant` is what a frame that leans adds to coordinates as gravity sees them, `shaken` the acceleration (m/s2) across
+    of one that shakes.
     """
 
     def __init__(
@@ -69,15 +69,19 @@ class Point:
         return getattr(self, q) + self.leant[q] if q in self.leant else getattr(self, q)
 
     def in_frame(self, effects: Sequence[Effect], p: Mapping[str, Any]) -> Point:
-        """Itself, told how effects of the frame lean and shake it; with none of them nothing changes."""
+        """The same point in a frame that effects lean and shake."""
+        leant: dict[str, Any] = {}
+        shaken = None
         for effect in effects:
             if effect.shift is not None:
                 for q, added in effect.shift(self, effect.values(p)).items():
-                    self.leant[q] = self.leant[q] + added if q in self.leant else added
+                    leant[q] = leant[q] + added if q in leant else added
             if effect.shaking is not None:
                 across = effect.shaking(self, effect.values(p))
-                self.shaken = across if self.shaken is None else self.shaken + across
-        return self
+                shaken = across if shaken is None else shaken + across
+        found = self.replaced()
+        found.leant, found.shaken = leant, shaken
+        return found
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,26 @@ def test_a_flight_far_from_the_axis_is_as_it_was(psi: float, dpsi: float, monkey
     assert np.array_equal(*(one[:until] for one in runs)) and runs[0][:until, -1].min() < 0.8
 
 
+def test_a_drag_in_the_air_is_the_same_in_steps_of_any_length() -> None:
+    """And takes what it takes of a ball as fast on its track: c (v/R)^2 at the lever R."""
+    drag, ends = FoundEffect("ball.quadratic_drag", {"c": 2e-5}), []
+    for h in (2e-3, 5e-4):
+        course = course_of(2.75, 5.0, drag)
+        for k in range(round(0.14 / h)):
+            course.advance(0.0, h, k * h)
+        assert course.mode == AIR and course.distance < 0.4
+        ends.append(course.z)
+    assert ends[0] == pytest.approx(ends[1], rel=1e-3)
+    course = course_of(2.75, 5.0, drag)
+    course.advance(0.0, 1e-3, 0.0)
+    z, energies = course.z, [energy(course.z)]
+    course.advance(0.0, 1e-4, 1e-3)
+    energies.append(energy(course.z))
+    across = z[6] * z[3] / R
+    power = -drag.parameters["c"] * abs(across) ** 3 / (V["mb"] * V["g"] * R)
+    assert (energies[1] - energies[0]) / 1e-4 == pytest.approx(power, rel=0.02)
+
+
 def test_forces_in_the_plane_are_those_of_the_flying_plant(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaning, shaken and with friction, all in the plane: the same as in its own coordinates, in small steps."""
     tilt = FoundEffect("frame.tilt", {"d": 0.2})

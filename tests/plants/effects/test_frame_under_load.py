@@ -64,6 +64,21 @@ def test_on_the_inner_hoop_too() -> None:
         x = run([0.0, 0.0, 2.2 + lean, 9.5], LIFT_OFF, INNER, RESISTANCE, *tilt, steps=10)
         ends.append(x - [0.0, 0.0, lean, 0.0])
     assert ends[1] == pytest.approx(ends[0], abs=1e-6)
+    assert ends[0] != pytest.approx(run([0.0, 0.0, 2.2, 9.5], LIFT_OFF, RESISTANCE, steps=10), abs=0.1)  # it was on it
+
+
+def test_on_the_inner_hoop_a_frame_that_is_pushed_is_one_that_leans_under_more_gravity() -> None:
+    a = 2.0
+    heavy = {**V, "g": float(np.hypot(V["g"], a))}
+    leaning = FoundEffect("frame.tilt", {"d": float(np.arctan(a / V["g"]))})
+    pushed = FoundEffect("frame.vibration", {"A": a, "w": 1e-9, "phi": np.pi / 2})
+    on_it = (LIFT_OFF, INNER, RESISTANCE)
+    x = [
+        run([0.0, 0.0, 2.3, 9.5], *on_it, *more, base=base, steps=10)
+        for more, base in (((pushed,), V), ((leaning,), heavy))
+    ]
+    assert x[0] == pytest.approx(x[1], abs=1e-5)
+    assert x[0] != pytest.approx(run([0.0, 0.0, 2.3, 9.5], LIFT_OFF, RESISTANCE, pushed, steps=10), abs=0.1)
 
 
 def test_a_frame_at_rest_changes_no_bit() -> None:

@@ -73,7 +73,7 @@ class ContactModes:
         self._flying: FlyingPlant = effect.flight(plant)
         through = [one for one in effects if one.name not in self._flying.through_contact]
         self.rolling = Composite(plant, effects, substeps=1)
-        free = [_shaken(one, lambda s: s.distance) for one in through]
+        free = [_at_track(_shaken(one, lambda s: s.distance)) for one in through]
         self.air = FlyingComposite(self._flying.plant, free, substeps=1)
         inner = any(one.name == INNER_HOOP for one in effects) and "theta" in plant.coordinates
         self.inner = self._on_inner(plant, effects) if inner else None
@@ -181,6 +181,21 @@ def _shaken(effect: Effect, arm: Callable[[Point], Any]) -> Effect:
         return {**along, "distance": across * ca.sin(s.psi)} if "distance" in s else along
 
     return replace(effect, force=push)
+
+
+def _at_track(effect: Effect) -> Effect:
+    """In the air what goes by psi' is what it is of a ball as fast on its track, and its torque has its lever there: a
+    drag goes by the speed, not by how fast the direction turns, which near the axis has no bound."""
+    force = effect.force
+    if force is None or effect.shaking is not None:
+        return effect
+
+    def acts(s: Point, e: Any) -> Mapping[str, Any]:
+        share = s.distance / on_track(s)
+        given = force(s.replaced(dpsi=s.dpsi * share), e)
+        return {**given, "psi": given["psi"] * share} if "psi" in given else given
+
+    return replace(effect, force=acts)
 
 
 def on_track(s: Point) -> Any:

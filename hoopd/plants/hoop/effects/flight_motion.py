@@ -4,7 +4,7 @@
 
 Direction and distance change the faster the nearer the ball comes to the axis, at the axis without bound; in the plane
 nothing does, and gravity's parabola is exact. Forces are those on a ball in the same direction at its track, as fast:
-gravity, a lean and a shaking frame are the same there, what is told as a torque about the axis has its lever there.
+gravity, a lean and a shaking frame are the same there, and whatever else acts is told so everywhere in the air.
 
 Rules of this file: one step; the plant's equations stand in `flying_plant`.
 """
@@ -25,7 +25,7 @@ from hoopd.plants.plant_with_effects import Composite
 NEAR_STEPS = 16.0
 # And where the plant's equations no longer hold, whatever the step.
 NEAR_M = 10.0 * NEAREST_M
-# A ball on the axis itself has the direction that it had, m from it.
+# Least distance, m, that a direction is taken of: on the axis itself the ball has the one that it had.
 ON_AXIS_M = 1e-12
 
 
@@ -48,6 +48,7 @@ class FlightMotion(Motion):
         begin, values = plane.of(x), self._vector(p)
         stops = self._stops(plane.at_track(begin, x), torques.middle, w, d, t, values) if self._frictions else None
         stops = ca.SX(0, 1) if stops is None else stops
+        stops = stops if holding is None else holding.given(stops)
 
         def rate(y: Any, at: Any, stage: int) -> Any:
             seen = plane.at_track(y, x)
@@ -121,7 +122,7 @@ class _Plane:
 class FlyingComposite(Composite):
     """The flying plant with its effects, as a run of the simulator takes it past the axis."""
 
-    motion = FlightMotion
+    motion_class = FlightMotion
 
 
 def _axes(psi: Any) -> tuple[Any, Any]:

@@ -20,9 +20,9 @@ def signed_normal_force(s: Point) -> Any:
     """
     p = s.p
     # of symbols, and of arrays along a recording
-    cos = np.cos if isinstance(s.psi, np.ndarray) else ca.cos
+    sin, cos = (np.sin, np.cos) if isinstance(s.psi, np.ndarray) else (ca.sin, ca.cos)
     force = p["mb"] * ((p["Ro"] - p["Rb"]) * s.dpsi**2 + p["g"] * cos(s.to_gravity("psi")))
-    return force if s.shaken is None else force + p["mb"] * s.shaken * ca.sin(s.psi)
+    return force if s.shaken is None else force + p["mb"] * s.shaken * sin(s.psi)
 
 
 def normal_force(s: Point) -> Any:

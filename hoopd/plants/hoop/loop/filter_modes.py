@@ -1,5 +1,8 @@
 """The modes of a ball that may leave the hoop, as the filter needs them: from the declaration that the rig moves by.
 
+A ball in the air is followed in its direction and distance alone: one that passes the axis is lost, as the rig's is not
+(`effects.flight_motion`), and begun anew with the next pictures.
+
 Rules of this file: guards and resets are those of `effects.contact_modes`, derivatives are exact; no equation is
 written here. Functions are small and made with the filter: the tick waits for none.
 """

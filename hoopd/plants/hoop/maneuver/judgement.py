@@ -216,8 +216,8 @@ def judge_maneuver(
     bottom = tau * round(float(ball[-1]) / tau)
     states, nowhere = run.states[played], np.zeros(len(run.t), bool)
     inner, air = ((nowhere if told is None else told)[played] for told in (run.inner, run.air))
-    outer = _weights(states, track_m, gravity_m_s2)
-    contact = np.where(inner, -_weights(states, inner_track_m, gravity_m_s2), np.where(air, nan, outer))
+    outer = weights_on(states, track_m, gravity_m_s2)
+    contact = np.where(inner, -weights_on(states, inner_track_m, gravity_m_s2), np.where(air, nan, outer))
     turns = round((bottom - float(ball[0])) / tau)
     # a flight is one whatever the estimate calls it
     loose = _longest(run.t[played], ~inner & (outer < 0.0))
@@ -227,9 +227,11 @@ def judge_maneuver(
     return ManeuverOutcome(turns, least, _settled_s(run, after, bottom), seen, loose, near, _on_top(run, played))
 
 
-def _weights(states: Array, track_m: float, gravity_m_s2: float) -> Array:
-    """N / (m g) of a ball within a track, (r psi'^2 + g cos psi) / g; outside of it this is what pulls it off."""
-    return np.asarray((track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2)
+def weights_on(states: Array, track_m: float, gravity_m_s2: float) -> Array:
+    """N / (m g) of a ball within a track, (r psi'^2 + g cos psi) / g, along states (n, 4); outside of it this is what
+    pulls it off."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of what runs away on another model
+        return np.asarray((track_m * states[:, 3] ** 2 + gravity_m_s2 * np.cos(states[:, 2])) / gravity_m_s2)
 
 
 def _settled_s(run: RecordedManeuver, after: NDArray[np.bool_], bottom: float) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hoopd.plants.found_effects import FoundEffects
 from hoopd.plants.hoop.effects.contact_modes import INNER, ROLLING, ContactCourse, ContactModes
 from hoopd.plants.hoop.effects.inner_hoop import RADIUS
+from hoopd.plants.hoop.maneuver.judgement import weights_on
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel, flying_model
 from hoopd.plants.plant_with_effects import Composite
 
@@ -136,10 +137,7 @@ def contact_by_mode(states: Array, modes: Sequence[str], values: Mapping[str, fl
     >>> contact_by_mode(np.array([[0, 0, np.pi, 0]]), ["inner"], values).tolist()
     [1.0]
     """
-    # inner: -((Ri+Rb) psi'^2 + g cos psi) / g
-    track = values.get(RADIUS, 0.0) + values["Rb"]
-    with np.errstate(over="ignore", invalid="ignore"):
-        inner = -(track * states[:, 3] ** 2 + values["g"] * np.cos(states[:, 2])) / values["g"]
+    inner = -weights_on(states, values.get(RADIUS, 0.0) + values["Rb"], values["g"])
     kinds = np.array(modes)
     return np.where(kinds == ROLLING, contact_along(states, values), np.where(kinds == INNER, inner, np.nan))
 
@@ -154,6 +152,4 @@ def contact_along(states: Array, values: Mapping[str, float]) -> Array:
     >>> contact_along(np.zeros((1, 4)), {"Ro": 0.0957, "Rb": 0.0104, "g": 9.81}).tolist()
     [1.0]
     """
-    track = values["Ro"] - values["Rb"]
-    with np.errstate(over="ignore", invalid="ignore"):  # of what runs away on another model
-        return np.asarray((track * states[:, 3] ** 2 + values["g"] * np.cos(states[:, 2])) / values["g"])
+    return weights_on(states, values["Ro"] - values["Rb"], values["g"])
