@@ -75,8 +75,10 @@ class LoopWatch:
             self._drift_at = self.t
 
     def fault_begins(self, name: str) -> None:
-        """A row of the fault table is active from now on."""
-        self._faults.setdefault(name, []).append((self.t, None))
+        """A row of the fault table is active from now on; told again, by an event and a status, it is the same."""
+        spans = self._faults.setdefault(name, [])
+        if not spans or spans[-1][1] is not None:
+            spans.append((self.t, None))
 
     def fault_ends(self, name: str) -> None:
         """It no longer is."""

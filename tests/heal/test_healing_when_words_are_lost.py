@@ -8,6 +8,7 @@ import pytest
 from heal.played_daemon import BAD, FRICTION, PERIOD_S, POLICY, PROVEN, PlayedDaemon, accepted, rounds
 
 from hoopd.files.heal_policy import HealPolicy
+from hoopd.heal.loop_watch import LoopWatch
 from hoopd.heal.plan import HealPlan
 
 
@@ -103,6 +104,16 @@ def test_a_word_about_a_fault_is_believed_before_a_status_that_may_be_older(tmp_
     daemon.drift()
     daemon.run(60.0, lambda: bool(daemon.works))
     assert daemon.versions.read(1).faults_s == {"ball_missing": pytest.approx(1.0, abs=0.05)}
+
+
+def test_a_fault_that_a_status_told_before_its_event_is_over_when_it_is_over() -> None:
+    watch = LoopWatch()
+    watch.tick(10.0, running=True)
+    watch.faults_are(["ball_missing"])
+    watch.fault_begins("ball_missing")
+    watch.tick(12.0, running=True)
+    watch.fault_ends("ball_missing")
+    assert watch.faults_s(0.0, 100.0) == {"ball_missing": 2.0} and watch.faults_s(60.0, 100.0) == {}
 
 
 def test_a_trial_that_is_never_weighed_goes_back(tmp_path: Path) -> None:
