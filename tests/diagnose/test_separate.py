@@ -213,9 +213,13 @@ def test_several_sizes_of_torque_tell_a_dead_zone_from_a_limit(pair: Pair, menu:
     assert best == pytest.approx(menu[-1].nats, rel=0.5)
 
 
-def test_whether_it_is_more_than_the_simpler_effect_is_asked_of_the_larger_one(rubbing: Named) -> None:
-    more = LIBRARY["hoop.stribeck_friction"]
-    larger = fitted([rubbing.base.tracks[0].stretch], (more,), rubbing.base, Fc=0.003, Fs=0.002, vs=1.0)
+@pytest.mark.parametrize("in_parts", [False, True])
+def test_whether_it_is_more_than_the_simpler_effect_is_asked_of_the_larger_one(rubbing: Named, in_parts: bool) -> None:
+    """Also where it was tried without seconds that have come back since."""
+    more, whole = LIBRARY["hoop.stribeck_friction"], rubbing.base.tracks[0].stretch
+    begin, middle, end = float(whole.t[0]), float(whole.t[len(whole.t) // 2]), float(whole.t[-1])
+    tried_on = [whole.seconds(begin, middle), whole.seconds(middle + 0.3, end)] if in_parts else [whole]
+    larger = fitted(tried_on, (more,), None if in_parts else rubbing.base, Fc=0.003, Fs=0.002, vs=1.0)
     tried = Tried(more, larger, rubbing.base.criterion - larger.criterion, 30.0, rubbing.scores[0])
     asked = replace(rubbing, tried=[tried], rivals={HOOP.name: [(more.name, -1.0)]})
     proposed = next_experiment(asked, separations(asked, LIBRARY), LIBRARY)

@@ -33,7 +33,7 @@ from hoopd.diagnose.search.screen import Member
 from hoopd.plants.declaration import Plant
 from hoopd.plants.effects.base import Effect
 from hoopd.plants.likelihood.composites import composite_of, fitting_effects
-from hoopd.plants.likelihood.fitting import HypothesisFit
+from hoopd.plants.likelihood.fitting import HypothesisFit, fit
 from hoopd.plants.likelihood.kalman_filter import Noise
 from hoopd.plants.likelihood.recording_parameters import own_values, values_of
 from hoopd.plants.likelihood.reference_track import Track
@@ -159,7 +159,20 @@ def _of(named: Named, effect: Effect, rival: Effect, apart: float) -> Pair | Non
     fitted = next((one.fit for one in named.tried if one.effect.name == rival.name), None)
     if fitted is None or len(named.accepted) > 1:
         return None
-    return Pair(_as_large_as_it_may_be(fitted, rival, effect), rival, effect, named.base, apart)
+    larger = _where_the_base_is(fitted, named.base)
+    return Pair(_as_large_as_it_may_be(larger, rival, effect), rival, effect, named.base, apart)
+
+
+def _where_the_base_is(fitted: HypothesisFit, base: HypothesisFit) -> HypothesisFit:
+    """A fit along the base's seconds; of others it may be, where what a name explains came back after it was tried."""
+    here, there = ([track.stretch for track in found.tracks] for found in (base, fitted))
+    if [*map(_span, here)] == [*map(_span, there)]:
+        return fitted
+    return fit(here, fitted.effects, fitted.values, noise=fitted.noise)
+
+
+def _span(stretch: Stretch) -> tuple[str, int, float, float]:
+    return stretch.recording, len(stretch.t), float(stretch.t[0]), float(stretch.t[-1])
 
 
 def _as_large_as_it_may_be(fitted: HypothesisFit, larger: Effect, effect: Effect) -> HypothesisFit:
