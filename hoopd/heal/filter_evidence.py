@@ -39,9 +39,9 @@ class FilterEvidence:
     """Of one model over another: nats in all, standard errors that this is from none, seconds that were looked at, and
     which share it is of all that the acting one's filter is surprised by (1/2 of the sum of e^2)."""
 
-    nats: float
-    errors: float
-    seconds: float
+    nats: float = 0.0
+    errors: float = 0.0
+    seconds: float = 0.0
     share: float = 0.0
 
     @property
@@ -76,7 +76,7 @@ def filter_evidence(recording: Recording, acting: Path, other: Path) -> FilterEv
     blocks = ((recording.t - recording.t[0]) / BLOCK_S).astype(int)
     sums = np.array([np.nansum(gains[counted & (blocks == one)]) for one in np.unique(blocks[counted])])
     if len(sums) < LEAST_BLOCKS:
-        return FilterEvidence(0.0, 0.0, len(sums) * BLOCK_S)
+        return FilterEvidence(seconds=len(sums) * BLOCK_S)
     scatter = float(sums.std(ddof=1) / np.sqrt(len(sums)))
     mean = float(sums.mean())
     errors = mean / scatter if scatter > 0.0 else 0.0

@@ -122,10 +122,11 @@ class Probation:
     def took_over(self, fields: Mapping[str, Any]) -> str:
         """A controller acts from now on; why nothing more can be done here, empty otherwise."""
         hand, command, sha256 = self._in_hand, fields.get("command"), str(fields.get("sha256", ""))
-        if command == TRIAL and _is_one_of([self._unanswered], sha256):
+        is_ours = self._was_asked_for(str(command), sha256)
+        if is_ours and command == TRIAL:
             self._unanswered = ""
             self._trial_begins()
-        elif hand.phase == "rolling" and command == CONTROLLER and _is_one_of(self._acceptance.before.keys, sha256):
+        elif is_ours:
             self._acceptance.rolled_back()
         elif command == CONTROLLER:
             having = [one.acts_as for one in hand.folder.every() if _is_one_of(one.keys, sha256)]
@@ -200,10 +201,11 @@ class Probation:
             self._try_again(TRIES_UNWEIGHED)
 
     def _was_asked_for(self, command: str, sha256: str) -> bool:
-        """Whether a file that the daemon refused is one of ours."""
+        """Whether a file that the daemon took or refused is the one that was asked for."""
+        if command == TRIAL:
+            return _is_one_of([self._unanswered], sha256)
         rolls = command == CONTROLLER and self._in_hand.phase == "rolling"
-        keys = self._acceptance.before.keys if rolls else [self._unanswered] if command == TRIAL else []
-        return _is_one_of(keys, sha256)
+        return rolls and _is_one_of(self._acceptance.before.keys, sha256)
 
     @property
     def _tries(self) -> int:

@@ -26,7 +26,6 @@ GONE_SHARE, GONE_PACE = 0.1, 0.5
 GAIN_OF_BEFORE = "gain_of_before"  # what the model of before gains over the version's on the weighed seconds
 # After a version was accepted: so many rounds are weighed, and so many bad ones in a row give it up.
 SETTLING_ROUNDS, BAD_ROUNDS = 4, 2
-NO_EVIDENCE: Mapping[str, float] = {"nats": 0.0, "errors": 0.0, "seconds": 0.0}
 
 
 def verdict(costs: Mapping[str, Any], promise: Mapping[str, Any], by: str = BALL) -> str:
@@ -79,8 +78,8 @@ def gone_again(told: Mapping[str, Any], evidence: Mapping[str, Any]) -> str:
     str
         One line, or nothing.
     """
-    back = FilterEvidence(**told.get(GAIN_OF_BEFORE, NO_EVIDENCE))
-    proof = FilterEvidence(**evidence.get("gain", NO_EVIDENCE))
+    back = FilterEvidence(**told.get(GAIN_OF_BEFORE, {}))
+    proof = FilterEvidence(**evidence.get("gain", {}))
     if back.is_clear and back.share >= GONE_SHARE and back.pace >= GONE_PACE * proof.pace:
         return f"the model of before explains it better: {back.nats:.0f} nats on {back.seconds:.0f} s"
     return ""

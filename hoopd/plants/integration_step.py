@@ -105,11 +105,20 @@ class Motion:
         """State of the plant d seconds later, with the disturbance w held; `holding`: forces that hold are put there,
         and a symbol stands for them in what comes back."""
         values = self._vector(p)
-        stops = self._stops(x, torques.middle, w, d, t, values) if self._frictions else ca.SX(0, 1)
-        if holding is not None:
-            stops = holding.given(stops)
+        stops = self._held(x, torques, w, d, t, values, holding)
         after = runge_kutta(lambda y, at, stage: self._rate(y, torques[stage], w, at, values, stops), x, d, t)
-        return self._at_rest(after) if self._frictions and holding is None else after
+        return self._ended(after, holding)
+
+    def _held(
+        self, x: Any, torques: StageTorques, w: Any, d: Any, t: Any, values: Any, holding: HoldingForces | None
+    ) -> Any:
+        """The forces of what frictions hold over a step from x, or the symbol that stands for them."""
+        stops = self._stops(x, torques.middle, w, d, t, values) if self._frictions else ca.SX(0, 1)
+        return stops if holding is None else holding.given(stops)
+
+    def _ended(self, x: Any, holding: HoldingForces | None) -> Any:
+        """The state after a step, at rest where a friction has stopped it."""
+        return self._at_rest(x) if self._frictions and holding is None else x
 
     def _at_rest(self, x: Any) -> Any:
         """Rates of nothing are nothing: else what has stopped would go on through ever smaller, ever slower numbers."""

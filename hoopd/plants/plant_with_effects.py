@@ -203,9 +203,9 @@ class Composite:
             tail = [*tail, _low_pass_undone(reading, *seen, h, time, self._shortest_s)]
         return ca.vertcat(before, *tail)
 
-    def point_in_frame(self, z: Any, p: Mapping[str, Any], t: Any = 0.0) -> Point:
+    def point_in_frame(self, z: Any, p: Mapping[str, Any], t: Any = 0.0, u: Any = 0.0) -> Point:
         """The point of a state in a frame that leans and shakes as effects have it."""
-        return self.plant.point(z, p, 0.0, t).in_frame(self.effects, p)
+        return self.plant.point(z, p, u, t).in_frame(self.effects, p)
 
     # ------------------------------------------------------------------------------------------ functions
 

@@ -241,7 +241,7 @@ def _to_see_the_likeliest(named: Named, seed: int) -> NextExperiment | None:
     one = next((tried for tried in named.tried if tried.surprise >= WORTH_A_LOOK_NATS), None)
     if one is None:
         return None
-    pair = Pair(one.fit, one.effect, one.effect, named.base, one.gain)
+    pair = Pair(_where_the_base_is(one.fit, named.base), one.effect, one.effect, named.base, one.gain)
     best = max(expected_to_show(pair, seed), key=lambda entry: entry.nats, default=None)
     if best is None or best.nats <= 0.0:
         return None

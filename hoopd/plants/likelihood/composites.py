@@ -101,7 +101,7 @@ def dry_frictions_of(composite: Composite) -> ca.Function | None:
     plant, sizes = composite.plant, {"x": composite.nx, "u": composite.nu, "t": 1, "p": len(composite.names)}
     x, u, t, p = (ca.SX.sym(name, size) for name, size in sizes.items())
     named = {name: p[i] for i, name in enumerate(composite.names)}
-    s = plant.point(x, named, u, t).in_frame(composite.effects, named)
+    s = composite.point_in_frame(x, named, t, u)
     s.demand = split_inputs(u, len(plant.inputs))[0]
     rows = [
         value

@@ -105,17 +105,14 @@ class ContactModes:
         on, off = track.plant.plant.point(z, named), self.air.plant.point(air, named)
         e, mu = named[self._restitution], named[self._mu]
 
-        def of(name: str, state: Any, value: Any) -> ca.Function:
-            return ca.Function(name, [state, p], [ca.densify(value)])
-
-        def guard(name: str, state: Any, value: Any) -> ca.Function:
-            return ca.Function(name, [state, p, t], [ca.densify(value)])
+        def of(name: str, state: Any, value: Any, *more: Any) -> ca.Function:
+            return ca.Function(name, [state, p, *more], [ca.densify(value)])
 
         # from within the outer track, from outside the inner one
-        touching = guard("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M)
+        touching = of("touching", air, track.side * (track.distance(off) - off.distance) + SAME_PLACE_M, t)
         rebounds = of("rebounds", air, track.side * e * off.ddistance - LEAST_REBOUND_M_S)
         pressed = track.normal_force(track.plant.point_in_frame(z, named, t))
-        lost, took_off = guard("normal", z, pressed), of("off", z, self._took_off(z, on, track))
+        lost, took_off = of("normal", z, pressed, t), of("off", z, self._took_off(z, on, track))
         bounced, landed = self._bounced(air, off, mu, e, track), self._landed(air, off, mu, track)
         return [
             Transition(track.mode, AIR, lost, took_off),

@@ -46,18 +46,14 @@ class FlightMotion(Motion):
         far = super().step(x, torques, w, d, t, p, holding)
         plane = _Plane(self, p)
         begin, values = plane.of(x), self._vector(p)
-        stops = self._stops(plane.at_track(begin, x), torques.middle, w, d, t, values) if self._frictions else None
-        stops = ca.SX(0, 1) if stops is None else stops
-        stops = stops if holding is None else holding.given(stops)
+        stops = self._held(plane.at_track(begin, x), torques, w, d, t, values, holding)
 
         def rate(y: Any, at: Any, stage: int) -> Any:
             seen = plane.at_track(y, x)
             return plane.rate(y, seen, self._rate(seen, torques[stage], w, at, values, stops))
 
         end = runge_kutta(rate, begin, d, t)
-        near = plane.told(end, x)
-        if self._frictions and holding is None:
-            near = self._at_rest(near)
+        near = self._ended(plane.told(end, x), holding)
         way = ca.fmax(NEAR_M, NEAR_STEPS * d * ca.fmax(plane.speed(begin), plane.speed(end)))
         passes = ca.fmin(plane.distance(begin), plane.distance(end)) < way
         return ca.vertcat(*(ca.if_else(passes, near[i], far[i]) for i in range(self._nx)))

@@ -8,6 +8,7 @@ Rules of this file: from a question to a motion, or to the limit that stands in 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import ceil
 
 import numpy as np
@@ -80,6 +81,18 @@ def stretched(motion: CollocatedMotion, ticks: int, tick_s: float) -> Array:
     table = np.column_stack([motion.states, np.append(motion.inputs, motion.inputs[-1])])
     faster = motion.seconds / (ticks * tick_s)
     return np.column_stack([np.interp(wanted, shares, column) for column in table.T]) * [1.0, faster, 1.0, faster, 1.0]
+
+
+def first_solved(motions: Iterable[CollocatedMotion], what: str, *, tells_last: bool = False) -> CollocatedMotion:
+    """The first of motions, searched one after another, that keeps every limit; InfeasibleError where none does, by the
+    first (or the last) whose search came to its end: it tells which limit stands in the way."""
+    tried: list[CollocatedMotion] = []
+    for found in motions:
+        if found.solved:
+            return found
+        tried.append(found)
+    told = tried[::-1] if tells_last else tried
+    raise infeasible(next((one for one in told if one.converged), told[0]), what)
 
 
 def infeasible(found: CollocatedMotion, what: str) -> InfeasibleError:

@@ -26,7 +26,7 @@ from hoopd.plants.hoop.maneuver.planning import (
     TIME_COST,
     USUAL_TORQUE_NM,
     InfeasibleError,
-    infeasible,
+    first_solved,
     stretched,
     whole_ticks,
 )
@@ -103,13 +103,8 @@ def outer_part(
     near = problem.solve(ends, straight(ends, whole_ticks(question, first_s), question.tick_s), question.tick_s,
                          time_cost=TIME_COST)  # fmt: skip
     suits = whole_ticks(question, near.seconds)
-    tried: list[CollocatedMotion] = []
-    for more in MORE_TICKS:
-        tried.append(problem.solve(ends, stretched(near, suits + more, question.tick_s), question.tick_s))
-        if tried[-1].solved:
-            return tried[-1]
-    # the first that tells which limit stands in the way
-    raise infeasible(next((one for one in tried if one.converged), tried[0]), f"no {name}")
+    guesses = (stretched(near, suits + more, question.tick_s) for more in MORE_TICKS)
+    return first_solved((problem.solve(ends, guess, question.tick_s) for guess in guesses), f"no {name}")
 
 
 def straight(ends: MotionEnds, ticks: int, tick_s: float) -> Array:

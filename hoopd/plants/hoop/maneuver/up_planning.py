@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoopd.files.planned_motion import LONGEST_FLIGHT_S
 from hoopd.plants.collocation import CollocatedMotion, CollocationProblem, MotionEnds
 from hoopd.plants.hoop.effects.contact_modes import INNER, ContactCourse
 from hoopd.plants.hoop.effects.inner_hoop import RADIUS
 from hoopd.plants.hoop.maneuver.inner_model import InnerModel
 from hoopd.plants.hoop.maneuver.maneuver_question import ManeuverQuestion
-from hoopd.plants.hoop.maneuver.planning import USUAL_TORQUE_NM, InfeasibleError, infeasible
+from hoopd.plants.hoop.maneuver.planning import USUAL_TORQUE_NM, InfeasibleError, first_solved
 from hoopd.plants.hoop.maneuver.planning_model import PlanningModel
 from hoopd.plants.hoop.maneuver.throw_planning import check_flight_torque, hoop_alone, run_up_to, straight
 
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 STEEPEST_RAD, FLATTEST_RAD = pi / 2 + 0.45, pi / 2 + 0.8
 BISECTIONS = 40
 # Steps of the search for the touch, and the longest flight to it.
-TOUCH_STEP_S, LONGEST_FLIGHT_S = 1e-4, 0.3
+TOUCH_STEP_S = 1e-4
 # What the catch takes: ticks, tried one after another.
 CATCH_TICKS = (20, 26, 34, 44)
 # Contact that the catch keeps, in weights of the ball, whatever is asked: as it lands there is less than on the top,
@@ -161,10 +162,6 @@ def _catch(inner: InnerModel, question: ManeuverQuestion, landed: Array) -> Coll
     """From the landing to rest on the top, of least effort."""
     problem = CollocationProblem(inner.rate, inner.limits(question.limits), USUAL_TORQUE_NM)
     ends = MotionEnds(landed, np.array([nan, 0.0, question.turn * pi, 0.0]))
-    tried: list[CollocatedMotion] = []
-    for ticks in CATCH_TICKS:
-        tried.append(problem.solve(ends, straight(ends, ticks, question.tick_s), question.tick_s))
-        if tried[-1].solved:
-            return tried[-1]
-    # the longest that tells which limit stands in the way
-    raise infeasible(next((one for one in tried[::-1] if one.converged), tried[-1]), "no catch on the inner hoop")
+    guesses = (straight(ends, ticks, question.tick_s) for ticks in CATCH_TICKS)
+    motions = (problem.solve(ends, guess, question.tick_s) for guess in guesses)
+    return first_solved(motions, "no catch on the inner hoop", tells_last=True)  # the longest has the most room
